@@ -44,17 +44,11 @@ class Aggregate:
 def aggregate(
     features: NDArray[np.floating], instance: NDArray[np.integer], count: int, norm: str, k: float
 ) -> Aggregate:
-    """Compute the consistent feature of each instance.
+    """Compute the consistent feature of each of ``count`` instances.
 
     Args:
-        features: (R, D) finite.
-        instance: (R,) instance of each row, sorted.
-        count: N.
-        norm: one of ``NORMS``.
-        k: at least 1.
-
-    Raises:
-        ValueError: k is below 1, or the norm is unknown.
+        features, instance: (R, D) finite, and the (R,) instance of each row, sorted.
+        norm, k: one of ``NORMS``; at least 1 (ValueError).
     """
     # With k >= 1, the view with the median deviation is an inlier: no mean is over nothing.
     if norm not in NORMS or not k >= 1:
@@ -71,11 +65,7 @@ def aggregate(
 
 
 def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, Bools]:
-    """Average the inlier views of G instances with V views each, (G, V, D) finite; see the module for norm and k.
-
-    Returns:
-        (G, D) float64 and (G, V) bool inliers.
-    """
+    """(G, D) float64 means of the inlier views of (G, V, D), and (G, V) bool inliers; see the module for norm and k."""
     values = views.astype(np.float64)
     if norm == "none":
         return values.mean(axis=1), np.ones(values.shape[:2], bool)
@@ -89,11 +79,9 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
 
 
 def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, float]:
-    """Return the number that decides whether each view of one instance, (V, D) finite, is an inlier, and its limit.
+    """What decides whether each view of one instance, (V, D) finite, is an inlier: (V,) float64, and the largest of an inlier.
 
-    Returns:
-        (V,) float64 and the largest value of an inlier. ``element``: fraction of channels in which the view is an
-        outlier; ``euclidean`` and ``cosine``: d_j of the module; ``none``: 0.
+    ``element``: fraction of channels in which the view is an outlier; else d_j of the module, 0 for ``none``.
     """
     values = views.astype(np.float64)[None]
     if norm == "none":

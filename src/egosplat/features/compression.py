@@ -34,13 +34,7 @@ class Need:
 
 @dataclass(frozen=True)
 class Compression:
-    """A fitted compression.
-
-    Attributes:
-        encode: (R, D) float32 features -> (R, C) float32 codes.
-        decoder: maps codes back to features.
-        need: reason for the number of channels, if it was ``auto``.
-    """
+    """A fitted compression: (R, D) float32 features -> (R, C) float32 codes, and back; and the reason for C, if it was ``auto``."""
 
     encode: Callable[[Features], Features]
     decoder: Decoder
@@ -119,13 +113,9 @@ def _blocks(features: Features) -> Iterator[NDArray[np.float64]]:
 
 
 def needed_dims(features: Features, mean: Floats, basis: Floats, least_cosine: float) -> Need:
-    """Return the fewest principal directions that reconstruct rows with at least a given cosine.
+    """Return the fewest principal directions that reconstruct (R, D) rows with at least the cosine ``least_cosine``, or all.
 
-    Args:
-        features: (R, D) finite.
-        mean: (D,).
-        basis: (D, D) orthonormal columns, most important first.
-        least_cosine: above 0, at most 1. All D directions are used if no fewer suffice.
+    ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first.
     """
     good = np.zeros(len(mean))
     for cosines in _cosines(features, mean, basis):

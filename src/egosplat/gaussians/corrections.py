@@ -42,11 +42,7 @@ Options = TypeVar("Options", bound=CameraOptions)
 
 
 def resolve_camera(options: Options, survey_path: Path | None) -> Options:
-    """Replace ``auto`` by the decision of the survey, or by ``off`` without one. The workflow gives no ``auto``.
-
-    Raises:
-        UserError: the survey cannot be read.
-    """
+    """Replace ``auto`` by the survey's decision, or ``off`` without one; the workflow gives no ``auto``. UserError as its reader."""
     keys = [key for key in CameraOptions.model_fields if getattr(options, key) == "auto"]
     decisions = read_survey(survey_path)["camera"] if keys and survey_path is not None else {}
     return options.change(**{name: "on" if decisions.get(name) else "off" for name in keys})
@@ -138,9 +134,8 @@ class Corrections:
     def values_at(self, frames: NDArray[np.integer]) -> Tensor:
         """Corrections of any frames, (M, 9): a training view's own, else from the training views before and after.
 
-        Between two training views it is interpolated, if that predicts the corrections of the training views
-        themselves better than 0 does: the error of a device's trajectory changes slowly, that of single photographs
-        does not.
+        Interpolated if that predicts the corrections of the training views themselves better than 0 does: the error of a
+        device's trajectory changes slowly, that of single photographs does not.
         """
         known, own = self.trained_frames, self.values[self.steps > 0].numpy()
         result = np.zeros((len(frames), COLUMNS))
@@ -177,10 +172,9 @@ def adam(values: Tensor, moments: Tensor, gradient: Tensor, rates: Tensor, step:
 
 
 def predicts(known: NDArray[np.integer], values: NDArray[np.float64]) -> bool:
-    """Whether interpolation between the neighbors of each value is nearer to it than 0 is, in total.
+    """Whether interpolation between the neighbors of (K, C) values at (K,) increasing frames is nearer to them than 0 is.
 
-    Args:
-        known: (K,) increasing frames with ``values`` (K, C). Columns have equal weight: each is divided by its mean square.
+    In total, each column divided by its mean square.
     """
     if len(known) < 3:
         return False

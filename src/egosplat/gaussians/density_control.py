@@ -144,11 +144,7 @@ def clone_or_split(gaussians: Gaussians, grow: Tensor, largest_clone: float) -> 
 
 
 def split_gaussians(parents: Gaussians, generator: torch.Generator) -> Gaussians:
-    """Sample two children for each of M parents, with centers drawn from the parent and scales divided by 1.6.
-
-    Returns:
-        2 M Gaussians: the first child of every parent, then the second ones.
-    """
+    """2 M children of M parents, the first of each, then the second: centers drawn from the parent, scales divided by 1.6."""
     # Children keep the parent's opacity and colors, as in 3DGS.
     children = Gaussians.concatenate([parents] * _CHILDREN)
     local = random_normal(children.means, generator) * children.scales
@@ -208,10 +204,9 @@ def replace_rows(
 
 
 def random_normal(like: Tensor, generator: torch.Generator) -> Tensor:
-    """Sample standard normal numbers with the shape and device of ``like``; the generator is on the CPU.
+    """Standard normal numbers with the shape and device of ``like``; the generator is on the CPU.
 
-    A GPU draws the numbers itself, from a seed that the generator draws: copying them would take longer than an
-    iteration.
+    A GPU draws them itself, from a seed that the generator draws: copying them would take longer than an iteration.
     """
     if like.device.type == "cuda":
         seed = int(torch.randint(2**62, (), generator=generator))

@@ -312,10 +312,9 @@ def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
 
 
 def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane: float) -> NDArray[np.bool_]:
-    """Test which (P, 3) world points [m] lie in the image of at least one of (F, 4, 4) cameras, whatever hides them.
+    """(P,) bool: which (P, 3) world points [m] lie in the image of at least one of (F, 4, 4) cameras, whatever hides them.
 
-    Returns:
-        (P,) bool; False for a point that is not finite, or nearer than ``near_plane`` [m].
+    False for a point that is not finite, or nearer than ``near_plane`` [m].
     """
     result = np.zeros(len(points), dtype=bool)
     unseen = np.flatnonzero(np.isfinite(points).all(axis=1))

@@ -13,11 +13,7 @@ from egosplat.gaussians.trainer import Curves
 
 
 def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
-    """Store the parameters without Gaussians that are not finite; no image shows those.
-
-    Raises:
-        UserError: no Gaussian is finite.
-    """
+    """Store the parameters without Gaussians that are not finite, which no image shows; UserError if none is finite."""
     whole = gaussians.finite()
     if not whole.any():
         raise UserError("splats: training left no finite Gaussian; raise run.near_plane")

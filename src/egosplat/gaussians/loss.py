@@ -92,11 +92,7 @@ def _cleaned(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Ten
 
 
 class Objective(ABC):
-    """Compares a render with its photograph. By default it has no parameters of its own.
-
-    Attributes:
-        advice: keys that the user may change if training diverges.
-    """
+    """Compares a render with its photograph; ``advice`` names keys that the user may change if training diverges."""
 
     advice = "raise run.near_plane"
 

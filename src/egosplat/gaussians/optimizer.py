@@ -94,8 +94,7 @@ class Adam:
     def replace_rows(self, gaussians: Gaussians, keep: Tensor, added: int) -> None:
         """Continue with other Gaussians: those at ``keep``, (N,) bool, then ``added`` ones, whose moments start at zero.
 
-        Raises:
-            ValueError: there are more or fewer Gaussians, or a parameter is not contiguous.
+        ValueError if there are more or fewer, or a parameter is not contiguous.
         """
         for moments in (self._exp_avg, self._exp_avg_sq):
             for name in PARAMETERS:
@@ -180,12 +179,9 @@ def _with_zero_rows(tensor: Tensor, count: int) -> Tensor:
 def adam_step(
     param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
 ) -> None:
-    """Update ``param`` and its moments in place (Kingma & Ba 2015, algorithm 1).
+    """Update (N, columns) ``param`` and its moments in place (Kingma & Ba 2015, algorithm 1), contiguous float32.
 
-    Args:
-        param, grad, exp_avg, exp_avg_sq: (N, columns) float32, contiguous.
-        rates: learning rate, or one for each column, (columns,) float32.
-        step: step count from 1, for the bias correction.
+    ``rates`` is a learning rate, or one for each column; ``step`` counts from 1, for the bias correction.
     """
     if not _can_fuse(param):
         return torch_step(param, grad, exp_avg, exp_avg_sq, rates, step)

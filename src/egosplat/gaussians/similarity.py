@@ -17,11 +17,7 @@ _DIRECTIONS = 200
 
 
 def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """The scale of a (4, 4) similarity, and its (3, 3) rotation.
-
-    Raises:
-        ValueError: it is no rotation with a scale and a shift.
-    """
+    """The scale of a (4, 4) similarity, and its (3, 3) rotation; ValueError if it is no rotation with a scale and a shift."""
     scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3])))) or np.nan
     rigid = matrix.copy()
     rigid[:3, :3] /= scale
@@ -31,11 +27,7 @@ def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.flo
 
 
 def moved(gaussians: Gaussians, matrix: NDArray[np.float64]) -> Gaussians:
-    """Apply a (4, 4) similarity to Gaussians on the CPU; the identity leaves every bit.
-
-    Raises:
-        ValueError: see ``split_similarity``.
-    """
+    """Apply a (4, 4) similarity to Gaussians on the CPU; the identity leaves every bit. Raises as ``split_similarity``."""
     scale, rotation = split_similarity(matrix)
     if np.array_equal(matrix, np.eye(4)):
         return gaussians

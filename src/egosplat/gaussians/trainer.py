@@ -225,11 +225,7 @@ def draw_background(kind: str, generator: torch.Generator) -> Tensor | None:
 
 
 def record(state: TrainingState) -> None:
-    """Append the mean loss since the last record to the curves.
-
-    Raises:
-        UserError: the loss was not finite in several consecutive records.
-    """
+    """Append the mean loss since the last record to the curves; UserError if it was not finite several times in a row."""
     curves = state.curves
     before = curves.iteration[-1] if curves.iteration else 0
     # Reading the sum waits for the GPU, which is why it is read only at records.

@@ -105,8 +105,7 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
 def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> tuple[Mask, Mask]:
     """Choose (F,) bool frames with a pose: to train on, among those ``kept``, and held-out ones, which decide nothing.
 
-    Raises:
-        UserError: no training frame has a pose.
+    UserError if there is none to train on.
     """
     train, registered = frames.read("train"), poses.read("registered")
     train = train if kept is None else train & kept

@@ -67,11 +67,7 @@ class Decoder:
                 )
 
     def layers(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
-        """Return (out, in) weights and (out,) biases of each layer, with dtype and device of ``like``.
-
-        Raises:
-            ValueError: the number of values does not match the widths.
-        """
+        """(out, in) weights and (out,) biases of each layer, with dtype and device of ``like``. Raises as ``split_layers``."""
         # Kept, because a picture is decoded in thousands of parts.
         if (kind := (like.dtype, like.device)) not in self._layers:
             self._layers[kind] = split_layers(torch.from_numpy(self.values).to(like), self.widths)
@@ -79,11 +75,7 @@ class Decoder:
 
 
 def split_layers(values: Tensor, widths: tuple[int, ...]) -> list[tuple[Tensor, Tensor]]:
-    """Split the numbers of a decoder into (out, in) weights and (out,) biases of each layer, views of ``values``.
-
-    Raises:
-        ValueError: the number of values does not match the widths.
-    """
+    """(out, in) weights and (out,) biases of each layer, views of ``values``; ValueError if their number is not the widths'."""
     sizes = [size for narrow, wide in pairwise(widths) for size in (wide * narrow, wide)]
     if sum(sizes) != len(values):
         raise ValueError(f"widths {widths} need {sum(sizes)} numbers, not {len(values)}")
@@ -119,10 +111,9 @@ def apply_layers(codes: Tensor, layers: list[tuple[Tensor, Tensor]], decoder: De
 
 
 def _used(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """Leave out channels of (..., in) values that are 0 in every row, and their columns of the (out, in) weights.
+    """(..., in) values without channels that are 0 in every row, and (out, in) weights without their columns.
 
-    After a ReLU, nearly half of the channels are 0 for all codes of a part of a picture. On a GPU it would have to wait for
-    their number, and training would have to record the choice.
+    After a ReLU nearly half are 0. On a GPU it would have to wait for their number, and training to record the choice.
     """
     narrow = values.shape[-1] < _WIDE or not values.numel()
     if narrow or values.device.type != "cpu" or torch.is_grad_enabled():

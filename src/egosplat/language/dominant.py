@@ -62,11 +62,9 @@ def mean_of_dominant(
 
 
 def target_votes(views: CodeViews, targets: CodeTargets) -> tuple[sparse.csr_array, NDArray[np.float32]]:
-    """Sum the compositing weights of each Gaussian at its center over all views, by target.
+    """Sum the compositing weights of each Gaussian at its center over all views.
 
-    Returns:
-        (N, R) sparse float32 weights in the pixels of each of R targets, see ``CodeTargets.code_rows``; and (N,) in all
-        pixels [px].
+    (N, R) sparse float32 weights in the pixels of each target of ``CodeTargets.code_rows``; and (N,) in all pixels [px].
     """
     shape = (views.gaussians.count, len(targets.code_rows()[1]))
     seen = np.zeros(shape[0], np.float32)

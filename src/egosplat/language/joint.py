@@ -17,9 +17,7 @@ from egosplat.language.views import CodeViews
 def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor:
     """L_F-w with d_F = L1: ``mean over all values of weight |F - F̂|``, 0 where there is no target.
 
-    Args:
-        rendered: (L, C, H, W) float32, of the image of the targets.
-        weight: (H, W) in [0, 1], or None for ones.
+    ``rendered`` is (L, C, H, W) float32, ``weight`` (H, W) in [0, 1], or None for ones.
     """
     counted = targets.known.to(rendered.dtype)
     if weight is not None:

@@ -14,27 +14,17 @@ from egosplat.artifacts.reader import Artifact
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """Target codes of one frame's pixels, at L levels with C channels each.
-
-    Attributes:
-        codes: (L, C, H, W) float32, 0 where there is none.
-        known: (L, H, W) bool, pixels with a target.
-    """
+    """Target codes of one frame's pixels: (L, C, H, W) float32, 0 where there is none, and (L, H, W) whether there is one."""
 
     codes: Tensor
     known: Tensor
 
 
 class CodeTargets:
-    """The supervision F of the paper's L_F, compressed; frames are read on request.
+    """The supervision F of the paper's L_F, compressed to ``channels``; frames are read on request.
 
     In each frame, an instance has the code of its view. An instance too small to be encoded there has the consistent
-    code, unless views are supervised by their own features only.
-
-    Attributes:
-        channels: C.
-        levels: name of each level.
-        level: (I,) index into ``levels`` of each instance.
+    code, unless views are supervised by their own features only. ``levels`` are named, and ``level`` (I,) of each instance.
     """
 
     def __init__(self, instances: Artifact, features: Artifact, device: torch.device) -> None:

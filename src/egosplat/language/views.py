@@ -79,11 +79,7 @@ def select_code_views(
     settings: RenderSettings,
     kept: NDArray[np.bool_] | None = None,
 ) -> CodeViews:
-    """Select all training frames with a pose, restricted to ``kept`` (F,) bool; poses are those that splats render with.
-
-    Raises:
-        UserError: there is none.
-    """
+    """All training frames with a pose, of those ``kept`` (F,) bool, with the poses that splats render with; UserError without any."""
     rows = np.flatnonzero(split_views(frames, poses, kept)[0])
     _, height, width, _ = frames.shape("rgb")
     return CodeViews(

@@ -53,14 +53,7 @@ class Fit(NamedTuple):
 def import_gaussians(
     files: list[Path], frames: Artifact, poses: Artifact, settings: RenderSettings, device: torch.device
 ) -> tuple[Gaussians, dict[str, Any]]:
-    """Read Gaussians, and bring them to the world of ``poses``.
-
-    Args:
-        files: of ``source_files``.
-        settings: to render with.
-
-    Returns:
-        The Gaussians on ``device``, and facts.
+    """Read Gaussians of ``source_files``, and bring them to the world of ``poses``, on ``device``; and facts.
 
     Raises:
         UserError: a file is damaged, or the Gaussians do not fit the pictures in any known world.
@@ -134,11 +127,7 @@ def _compare(
 def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str, Matrix]]:
     """The worlds that programs train in, the likely first: names, and (4, 4) similarities to the world of ``poses``.
 
-    Args:
-        transforms: nerfstudio's file, if there is one.
-
-    Raises:
-        UserError: that file is damaged.
+    UserError if nerfstudio's file among ``transforms`` is damaged.
     """
     notes = poses.facts.get("notes", {})
     unit = np.diag([*[poses.provenance["options"].get("meters_per_unit") or 1.0] * 3, 1.0])

@@ -77,11 +77,7 @@ def _read_ply(path: Path) -> Gaussians:
 
 
 def _check_columns(names: tuple[str, ...], path: Path) -> int:
-    """The degree of spherical harmonics of a file with these columns.
-
-    Raises:
-        UserError: they are not those of 3D Gaussians.
-    """
+    """The degree of spherical harmonics of a file with these columns; UserError if they are not of 3D Gaussians."""
     has, rests = {*names}, sum(name.startswith("f_rest_") for name in names)
     if lacking := [name for name in (*_numbered("scale", 2), "opacity") if name not in has]:
         what = (

@@ -53,11 +53,7 @@ def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDA
 def run(
     frames_path: Path, transient_path: Path, instances_path: Path, output: Path, options: MasksOptions
 ) -> None:
-    """Write the refined masks of all frames.
-
-    Raises:
-        UserError: the inputs do not belong together.
-    """
+    """Write the refined masks of all frames; UserError if the inputs do not belong together."""
     inputs = _Inputs(
         open_artifact(frames_path, FRAMES),
         open_artifact(transient_path, TRANSIENT),

@@ -116,8 +116,7 @@ class InitialObjective(Objective):
 class ResidualScale:
     """Residuals of V views while the Gaussians are trained on all pixels, those that move too.
 
-    Attributes:
-        scale: (V,) float32 median squared difference of each view; NaN if it was not measured.
+    ``scale`` is the (V,) float32 median squared difference of each view; NaN if it was not measured.
     """
 
     def __init__(self, device: torch.device) -> None:
@@ -134,12 +133,9 @@ class ResidualScale:
 
     @torch.no_grad()
     def measure(self, index: int, views: int, residual: Tensor, shown: Tensor | None) -> None:
-        """Replace the measurement of one view.
+        """Replace the measurement of one of so many views.
 
-        Args:
-            index, views: number of the view, and of all views.
-            residual: (H, W) squared difference to the render; a value that is not finite is left out.
-            shown: (H, W), above 0 where the view shows the scene; None for everywhere.
+        ``residual`` is the (H, W) squared difference to the render; one that is not finite is left out, as where ``shown`` is 0.
         """
         if not len(self.scale):
             self.scale = residual.new_full((views,), torch.nan)
