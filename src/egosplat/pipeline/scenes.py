@@ -107,9 +107,8 @@ def find_scene(scenes: Mapping[tuple[str, str], Scene], dataset: str, scene: str
     """Get a scene by name (UserError: the table has no such scene; lists its scenes)."""
     if (dataset, scene) not in scenes:
         known = ", ".join("/".join(key) for key in scenes) or "none"
-        raise UserError(
-            f"no scene {dataset}/{scene} in the table of scenes. Add a row, or take one of: {known}"
-        )
+        advice = f"Add a row, or take one of: {known}"
+        raise UserError(f"no scene {dataset}/{scene} in the table of scenes. {advice}")
     return scenes[dataset, scene]
 
 

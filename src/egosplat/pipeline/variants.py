@@ -23,7 +23,6 @@ from egosplat.pipeline.config import (
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.model_sets import DEFAULTS, PUBLISHED, locate_checkpoints
-from egosplat.pipeline.options import keys_of
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import read_yaml
@@ -84,21 +83,17 @@ def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
         return base.variants[name]
     layers = []
     for ancestor in _ancestry(base["variants"], name, where):
-        keys = {
-            key: value
-            for key, value in base["variants"][ancestor].items()
-            if key not in ("extends", "method")
-        }
-        for key in (*keys_of(GeneralOptions), *OF_SCENES):
+        given = base["variants"][ancestor].items()
+        keys = {key: value for key, value in given if key not in ("extends", "method")}
+        for key in (*GeneralOptions.model_fields, *OF_SCENES):
             if keys.get(key, base[key]) != base[key]:
                 raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
         layers.append(Layer(f"variant {ancestor}", keys))
     # A variant's ``auto`` is the scene's set.
     config = configure([*base.layers, *layers], automatic=base["models"]["set"])
     if config["synthetic"] != base["synthetic"]:
-        raise UserError(
-            f"variant {name}: variants share the scene's recording; leave out the section synthetic"
-        )
+        shared = "variants share the scene's recording; leave out the section synthetic"
+        raise UserError(f"variant {name}: {shared}")
     base.variants[name] = config
     return config
 
