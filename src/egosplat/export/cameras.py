@@ -18,13 +18,9 @@ from egosplat.progress import log, track
 
 
 def export_cameras(scene: Path, output: Path, format: str) -> None:
-    """Write a folder with ``images/``, ``masks/`` and cameras.
+    """Write a folder with ``images/``, ``masks/`` and cameras of a scene or variant, in the ``nerfstudio`` or ``colmap`` format.
 
     Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked.
-
-    Args:
-        scene: folder of a scene or variant.
-        format: ``nerfstudio`` or ``colmap``.
 
     Raises:
         UserError: an artifact is missing or damaged.

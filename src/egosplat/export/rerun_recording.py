@@ -21,10 +21,7 @@ from egosplat.query.finished_scene import Scene
 
 
 def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
-    """Write a .rrd file; it is complete or absent.
-
-    Args:
-        phrases: queries of the whole scene, whose answers become boxes.
+    """Write a .rrd file, whole or not at all, with boxes of the answers to ``phrases`` in the whole scene.
 
     Raises:
         UserError: rerun-sdk is not installed, or an artifact is missing or damaged.

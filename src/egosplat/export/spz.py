@@ -23,9 +23,6 @@ TURNED_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.f
 def write_spz(path: Path, gaussians: Gaussians, sh_degree: int) -> None:
     """Write Gaussians on the CPU, whole or not at all, with the axes of OpenGL, as converters of .ply files do.
 
-    Args:
-        sh_degree: degree of the spherical harmonics in use, 0 to 3.
-
     Raises:
         UserError: gsply is not installed, or the format cannot hold the sizes of the Gaussians.
     """

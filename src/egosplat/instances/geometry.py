@@ -47,12 +47,9 @@ class Geometry:
 def train_geometry(
     frames: Artifact, poses: Artifact, training: Mask, keys: InstancesOptions, output: Path, key: str
 ) -> Geometry:
-    """Train Gaussians for a short time at the working size, on all pixels. A killed run resumes from its checkpoint.
+    """Train Gaussians for a short time at the working size, on all pixels of the ``training`` (F,) bool frames, all with a pose.
 
-    Args:
-        training: (F,) bool, frames to train on; all have a pose.
-        output: path of the stage's artifact, next to which the checkpoint is kept.
-        key: of the checkpoint.
+    A killed run resumes from its checkpoint with this ``key``, which is kept next to ``output``.
     """
     device = training_device(keys.backend)
     views, none = (

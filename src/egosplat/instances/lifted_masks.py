@@ -83,9 +83,7 @@ def lift_masks(
 ) -> LiftedMasks:
     """Lift the masks of (T,) frames with (T, 4, 4) poses.
 
-    Args:
-        look: returns the (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none, and (H, W) bool,
-            which pixels vote and count as seen.
+    ``look`` gives the (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none, and which pixels count.
     """
     instance, frame, votes, seen = [], [], [], []
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
@@ -122,10 +120,8 @@ def lift(
 ) -> LiftedMasks | None:
     """Lift the masks of segments.zarr in all training views; None if no view has a mask.
 
-    Args:
-        shown: returns the (H, W) bool pixels of a frame that show the scene.
-        select: returns which of a frame's labels (L, h, w) vote, -1 for none, and (h, w) bool, which pixels are not
-            counted as seen.
+    ``shown`` gives the (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for
+    none, and (h, w) bool, which pixels are not counted as seen.
     """
     views = geometry.views
     height, width = segments.shape("labels")[2:]

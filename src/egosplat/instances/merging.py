@@ -53,9 +53,7 @@ class Runs:
 def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:
     """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they show one thing.
 
-    Args:
-        run: (V,) run of each mask, numbered 0 to R - 1 in the order of their first frames.
-        weight: (N,) weight of each Gaussian in an IoU.
+    ``run`` (V,) numbers the runs in the order of their first frames; ``weight`` (N,) is that of each Gaussian in an IoU.
     """
     count = int(run.max(initial=-1)) + 1
     some = np.random.default_rng(0).permutation(len(weight))[:SAMPLE]
@@ -122,7 +120,10 @@ class _Pairs:
         self.largest, self.partner = self._iou.max(axis=1), self._iou.argmax(axis=1)
 
     def merge(self, one: int, other: int) -> None:
-        """Add run ``other`` to run ``one``, and compare it with the others."""
+        """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they show one thing.
+
+        ``run`` (V,) numbers the runs in the order of their first frames; ``weight`` (N,) is that of each Gaussian in an IoU.
+        """
         self._runs.add(one, other)
         self._by_run[other] = self._held[:, other] = self._seen[:, other] = False
         self._by_run[one] = self._held[:, one] = self._runs.holds(one)

@@ -66,11 +66,7 @@ def standing_tracks(
 ) -> NDArray[np.int64]:
     """The sorted tracks of which half of the pairs of masks are so alike that masks of single frames would be merged.
 
-    A track with too few pairs that show the same surfaces is not among them.
-
-    Args:
-        masks: of tracks; ``instance`` is the track of each.
-        time_s: (T,) when each of the T frames was taken [s].
+    A track with too few pairs that show the same surfaces is not among them. ``time_s`` (T,) is when each frame was taken.
     """
     weight, found = masks.weight, []
     for one in np.unique(masks.instance):

@@ -35,9 +35,7 @@ def render_things(
 ) -> NDArray[np.int32]:
     """(L, H, W) int32 strongest thing of each level at each pixel of label maps of a size (H, W), -1 where none is.
 
-    Args:
-        beliefs: by level, (N, K), see ``things.beliefs``.
-        camera, camera_to_world: of the frame, at the working size.
+    ``beliefs`` are (N, K) by level, see ``things.beliefs``; the camera is at the working size.
     """
     _, _, meta = render(
         gaussians, camera, camera_to_world, settings, sh_degree=0, background=None, render_mode="D"

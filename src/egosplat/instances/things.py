@@ -32,9 +32,7 @@ def find_things(
 ) -> tuple[Ints, dict[str, int]]:
     """(V,) thing that each mask of one level shows, numbered 0 to K - 1, -1 for a mask without a vote; and counts.
 
-    Args:
-        run: (V,) masks that are one thing already, see ``single_masks`` and ``cut_tracks``.
-        weight: (N,) weight of each Gaussian in an IoU.
+    ``run`` (V,) are masks that are one thing already; ``weight`` (N,) is that of each Gaussian in an IoU.
     """
     merged = merge(masks, run, weight, keys)
     thing = merged[run] if len(run) else run

@@ -21,12 +21,7 @@ _PIXELS_AT_ONCE = 2**25
 
 @dataclass(frozen=True)
 class Candidates:
-    """N candidate masks of one level.
-
-    Attributes:
-        logits: (N, M, M) float32, at the size of the model's masks.
-        predicted_iou, stability: (N,) float32.
-    """
+    """N candidate masks of one level: (N, M, M) float32 logits at the size of the model's masks, and (N,) float32 scores."""
 
     logits: Tensor
     predicted_iou: Tensor

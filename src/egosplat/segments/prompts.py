@@ -18,12 +18,7 @@ _POINTS_A_BATCH, _PIXELS_A_BATCH_ON_CPU = 64, 8192
 
 @dataclass(frozen=True)
 class Bounds:
-    """Which masks of an image are used, apart from their quality.
-
-    Attributes:
-        least, most: smallest and largest share of the image that they cover.
-        border: (M, M) bool, the cells that no mask may cover; None for none.
-    """
+    """The share of an image that its masks cover, ``least`` to ``most``, and the (M, M) bool cells that none may, or None."""
 
     least: float
     most: float = 1.0
@@ -48,9 +43,7 @@ def prompt(
 ) -> list[Candidates]:
     """Prompt SAM2 with points: candidates of each level, in the order of the points, without masks of low quality.
 
-    Args:
-        points: (P, 2) x, y in [0, 1], relative to the image's sides.
-        bounds: which masks are used; None for those of ``options.min_area``.
+    ``points`` are (P, 2) x, y in [0, 1] of the image's sides; ``bounds`` None stands for those of ``options.min_area``.
     """
     bounds, limits = bounds or Bounds(options.min_area), options.mask_filter
     decoder = PointDecoder.of(sam2, encoded)

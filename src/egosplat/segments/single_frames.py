@@ -89,13 +89,10 @@ def prompt_with_crops(
     found: list[Candidates],
     options: SegmentsOptions,
 ) -> list[Candidates]:
-    """Add masks of small things, from crops, to the candidates of each level that the whole frame gave.
+    """Add masks of small things, from crops of the (H, W, 3) image, to the candidates of each level that the whole frame gave.
 
-    Args:
-        shown: (H, W) bool, pixels of the (H, W, 3) image that show the scene; others are not prompted.
-
-    Returns:
-        Candidates; their logits have the size of the frame's, or the larger one of ``crops_per_side`` times the crops'.
+    Pixels that do not show the scene, (H, W) bool ``shown``, are not prompted. The candidates' logits have the size of the
+    frame's, or the larger one of ``crops_per_side`` times the crops'.
     """
     height, width = shown.shape
     crops, by_crop = crops_of(height, width, options.crops_per_side), []

@@ -23,13 +23,7 @@ MIN_COMMON_FRAMES = 2
 
 @dataclass(frozen=True)
 class Video:
-    """The frames to segment.
-
-    Attributes:
-        length: number of frames.
-        image: returns the (H, W, 3) uint8 RGB image of a frame.
-        shown: returns the (H, W) bool pixels of a frame that show the scene.
-    """
+    """``length`` frames to segment: ``image`` gives the (H, W, 3) uint8 RGB of one, ``shown`` its (H, W) bool pixels of the scene."""
 
     length: int
     image: Callable[[int], NDArray[np.uint8]]
@@ -104,10 +98,8 @@ class LabelMaps:
 class Segmented:
     """A segmented video, before duplicates are merged and fragments dropped.
 
-    Attributes:
-        labels: number of the instance of each pixel, by frame and level.
-        same: pairs of numbers that are the same object.
-        prompted: frames in which instances were searched for.
+    ``labels`` number the instance of each pixel, by frame and level; ``same`` are pairs of numbers that are one object, and
+    ``prompted`` the frames in which instances were searched for.
     """
 
     labels: LabelMaps
@@ -119,9 +111,8 @@ class Segmented:
 def finalize_instances(segmented: Segmented, min_frames: int) -> tuple[Labels, NDArray[np.int64], int]:
     """Merge instances that are the same object, and drop those seen in fewer than ``min_frames`` frames.
 
-    Returns:
-        (count + 1,) int32 new number of each instance, -1 if it is dropped; the last entry is -1, so that indexing with -1
-        gives -1. The (N,) old numbers of the kept instances, in their new order. The number of those merged into others.
+    (count + 1,) int32 new number of each instance, -1 if it is dropped, and -1 last, so that indexing with -1 gives -1; the
+    (N,) old numbers of the kept instances, in their new order; the number of those merged into others.
     """
     count, frames = len(segmented.instances), len(segmented.labels)
     pairs = np.array(segmented.same, np.int64).reshape(-1, 2)

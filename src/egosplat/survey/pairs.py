@@ -92,12 +92,7 @@ def match_images(
     poses: tuple[Array, Array],
     second_valid: Bools,
 ) -> Match:
-    """Match two (h, w) uint8 images, of which (h, w) bool pixels are valid each.
-
-    Args:
-        intrinsics: (3, 3) matrix [px].
-        poses: (4, 4) camera_to_world of each.
-    """
+    """Match two (h, w) uint8 images, of which (h, w) bool pixels are valid, with (4, 4) poses and (3, 3) intrinsics [px]."""
     homography = rigid.rotation_homography(intrinsics, *poses)
     rotated = _warp(second, homography)
     ahead = (pixel_grid(*valid.shape) * homography[2, :2]).sum(axis=2) + homography[2, 2] > 0
@@ -161,12 +156,8 @@ def detect_motion(match: Match, view: rigid.View, valid: Bools, *, search: bool 
     """Fit the error of the pose away, and find the regions of the first image that still move until the second.
 
     A pixel moves if its flow leaves the positions of static points by several standard deviations of the pair's own
-    noise, and its patch matches the flow's target better than every static position.
-
-    Args:
-        view: camera, position and depths of the two images.
-        valid: (h, w) bool.
-        search: False measures the pose alone.
+    noise, and its patch matches the flow's target better than every static position, among the ``valid`` (h, w) pixels.
+    Without ``search`` the pose alone is measured.
     """
     nothing = np.zeros(valid.shape, np.int32)
     voting = match.measured & (match.flow_error <= _MAX_EXPECTED_ERROR)

@@ -58,14 +58,10 @@ def view_change(first: Array, second: Array, depth: float | Array) -> Array:
 def choose_views(
     camera_to_world: Array, depths: Array, times_ns: Times, optional: Bools, min_change_deg: float
 ) -> Bools:
-    """(F,) bool: frames that are kept; optional ones only if the view changed since the last optional frame kept.
+    """(F,) bool: frames that are kept; ``optional`` ones only if the view changed since the last optional frame kept.
 
-    Args:
-        camera_to_world: (F, 4, 4) float64.
-        depths: (F,) float64 of the scene [m]; NaN if unknown, as without a pose.
-        times_ns: (F,) int64, increasing.
-        optional: (F,) bool: frames that may be dropped.
-        min_change_deg: least change of the view; 0 keeps all frames.
+    ``depths`` are (F,) float64 of the scene [m], NaN if unknown, as without a pose; ``times_ns`` (F,) int64, increasing. The
+    least change of the view is ``min_change_deg``; 0 keeps all frames.
     """
     kept = np.ones(len(depths), bool)
     # Without a depth nothing is known of a view, so the frame stays.

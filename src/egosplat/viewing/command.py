@@ -22,12 +22,7 @@ _PAGE = STAGES["scene_page"]
 
 
 def run(folder: Path, options: PageOptions, host: str, port: int, *, browse: bool = False) -> None:
-    """Serve the page of a scene until Ctrl-C. Phrases that the page does not know are asked here.
-
-    Args:
-        folder: folder of a scene or a variant.
-        host, port: see ``PageServer``.
-        browse: whether the browser of the desktop opens the page.
+    """Serve the page of a scene until Ctrl-C; phrases that it does not know are asked here. ``browse`` opens a browser.
 
     Raises:
         UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or the port

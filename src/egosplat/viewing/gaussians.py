@@ -111,15 +111,10 @@ def pack_instances(instances: Artifact, means: Floats) -> Arrays:
 
 
 def pack_visibility(shares: Floats, frame: NDArray[np.int64]) -> tuple[Arrays, Facts]:
-    """Quantize the shares of views that Gaussians fill, on a logarithmic scale.
+    """Quantize the (V, N) shares of views that Gaussians fill, on a logarithmic scale.
 
-    Args:
-        shares: (V, N) of ``egosplat.query.things.visible_shares``.
-        frame: (V,) frames of the views.
-
-    Returns:
-        ``visible`` (N,) uint8 mean over all views; ``seen`` (W, ceil(N / 8)) uint8 bits, the first of a byte highest, of the
-        Gaussians that W views show; ``seen_share`` uint8 share of each bit that is set, view after view.
+    ``visible`` (N,) uint8 mean over all views; ``seen`` (W, ceil(N / 8)) uint8 bits, the first of a byte highest, of the
+    Gaussians that W of the views, of ``frame``, show; ``seen_share`` uint8 share of each bit that is set, view after view.
     """
     chosen = evenly_spaced(len(frame), MOST_VIEWS)
     shown = shares[chosen] >= SMALLEST

@@ -163,11 +163,9 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:
-    """Pack ``poses`` (P, 3, 4) float32 of all frames that have one, and ``pictures`` uint8, WebP files of some in a row.
+    """Pack ``poses`` (P, 3, 4) float32 of the (F, 4, 4) that are not NaN, ``seconds`` since the first frame, and ``pictures``.
 
-    Args:
-        camera_to_world: (F, 4, 4) float64, NaN without a pose.
-        seconds: (F,) float64 time of each frame since the first.
+    These are uint8, WebP files of some frames in a row.
     """
     posed = known_poses(camera_to_world)
     shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()

@@ -62,14 +62,9 @@ def blend(colors: NDArray[np.floating], coverage: NDArray[np.float32]) -> NDArra
 
 
 def code_colors(code: NDArray[np.float32], share: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Color codes by their first three principal components over all levels, weighted by their shares.
+    """(N, L, 3) colors of (N, L, C) codes by their first three principal components over all levels, weighted by (N, L) shares.
 
-    Args:
-        code, share: (N, L, C) and (N, L).
-
-    Returns:
-        (N, L, 3) red, green and blue, not clipped: 0.5 is the mean of all codes, and the color of a mean of codes is the mean of
-        their colors.
+    They are not clipped: 0.5 is the mean of all codes, and the color of a mean of codes is the mean of their colors.
     """
     total, first, second = np.finfo(float).tiny, np.zeros(code.shape[2]), np.zeros((code.shape[2],) * 2)
     for level in range(code.shape[1]):

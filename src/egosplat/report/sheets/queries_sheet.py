@@ -178,12 +178,7 @@ def scoring_options(document: Mapping[str, Any]) -> MetricsOptions:
 def ask_again(
     chosen: Sequence[ScoredQuery], scene: Scene, document: Mapping[str, Any], path: Path
 ) -> Iterator[ShownQuery]:
-    """Answer queries again as in the stage ``metrics``, frame by frame.
-
-    Args:
-        chosen: queries of the scene.
-        scene: the scored scene with its annotations and ``scoring_options``.
-        document, path: its ``metrics.json``.
+    """Answer the ``chosen`` queries again as in the stage ``metrics``, frame by frame; ``document`` is the metrics.json at ``path``.
 
     Raises:
         UserError: the scene was scored with other artifacts, or the OpenCLIP model that made the features is missing.
