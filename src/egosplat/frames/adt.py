@@ -26,15 +26,14 @@ from egosplat.frames.rectify import Rectification, clockwise_turns, pinhole
 from egosplat.frames.selection import select_frames
 from egosplat.geometry import Camera
 
-Provider = TypeVar("Provider")
-Image = NDArray[Any]
+Read = TypeVar("Read")
 
 RGB_LABEL = "camera-rgb"
 RGB_STREAM = StreamId("214-1")
 # Half of the rolling shutter's readout (docs/method.md#exposure-time).
 EXPOSURE_MIDDLE_AFTER_CAPTURE_NS = 2_500_000
 
-# What the library logs about a truncated file, and about damaged data; it goes on with what is left.
+# What the library logs about a truncated file, and about damaged data.
 _TRUNCATED = re.compile("beyond the end of the file|Index incomplete")
 _DAMAGED = re.compile(
     r"\[ERROR\]|corrupt|premature end|unsupported marker|decompression error", re.IGNORECASE
@@ -49,7 +48,7 @@ def open_recording(folder: Path, options: FramesOptions) -> Recording:
     device = provider.get_device_calibration()
     rectified = rectification(device, pinhole(options.resolution, options.focal), options.upright, path)
 
-    def read(frame: int) -> Image:
+    def read(frame: int) -> NDArray[Any]:
         data, _ = provider.get_image_data_by_index(RGB_STREAM, frame)
         if not data.is_valid() or (image := data.to_numpy_array()).ndim != 3:
             raise ValueError("not a color image")
@@ -57,7 +56,7 @@ def open_recording(folder: Path, options: FramesOptions) -> Recording:
 
     def read_frames(indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
         for frame in frames[indices].tolist():
-            image = decode(path, f"RGB frame {frame} ", partial(read, frame))
+            image = read_checked(path, f"RGB frame {frame} ", partial(read, frame))
             if image is None or not image.any():
                 raise UserError(f"{path}: RGB frame {frame} is black. Exclude it with start_s and end_s.")
             yield image
@@ -75,21 +74,23 @@ def open_recording(folder: Path, options: FramesOptions) -> Recording:
     )
 
 
-def decode(path: Path, what: str, read: Callable[[], Image | None]) -> Image | None:
-    """Read an image by projectaria-tools; UserError, of ``what`` in a file, if that fails or logs damage. None is not checked."""
-    image, messages, failure = None, [], []
+def read_checked(
+    path: Path, what: str, read: Callable[[], Read | None], faults: re.Pattern[str] = _DAMAGED
+) -> Read | None:
+    """Read ``what`` of a file by projectaria-tools; UserError if that fails or logs a fault, where it is not None."""
+    value, messages, failure = None, [], []
     try:
         with captured_log() as messages:
-            if (image := read()) is None:
+            if (value := read()) is None:
                 return None
     except (RuntimeError, ValueError) as error:
         failure = [str(error)]
-    # The library returns a damaged image partly decoded and only logs lines about it.
+    # The library goes on with what is left of damaged data, and only logs lines about it.
     told = [*messages, *failure]
-    if reason := next(filter(_DAMAGED.search, told), failure and "; ".join(told)):
-        raise UserError(f"{path}: {what}cannot be decoded ({reason}). Download it again.")
+    if reason := next(filter(faults.search, told), failure and "; ".join(told)):
+        raise UserError(f"{path}: {what}cannot be read ({reason}). Download it again.")
     log_messages(messages, path)
-    return image
+    return value
 
 
 def open_video(folder: Path) -> VrsDataProvider:
@@ -99,7 +100,7 @@ def open_video(folder: Path) -> VrsDataProvider:
     path = adt_video(folder)
     if not os.path.lexists(path):
         raise UserError(f"{folder}: has no {' or '.join(ADT_VIDEOS)}. Download this file of the recording.")
-    provider = open_checked(path, lambda: create_vrs_data_provider(str(path)))
+    provider = open_vrs(path, lambda: create_vrs_data_provider(str(path)))
     if not provider.check_stream_is_active(RGB_STREAM):
         raise UserError(
             f"{path}: has no RGB stream (214-1). Give a recording with the glasses' color camera."
@@ -107,19 +108,11 @@ def open_video(folder: Path) -> VrsDataProvider:
     return provider
 
 
-def open_checked(path: Path, opened: Callable[[], Provider | None]) -> Provider:
+def open_vrs(path: Path, create: Callable[[], Read | None]) -> Read:
     """Open a VRS file by a function of projectaria-tools; UserError if it is damaged or truncated."""
-    provider, messages = None, []
-    try:
-        with captured_log() as messages:
-            provider = opened()
-    except RuntimeError as error:
-        messages = [*messages, str(error)]
+    provider = read_checked(path, "", create, _TRUNCATED)
     if provider is None:
-        raise UserError(f"{path}: cannot be read ({'; '.join(messages)}). Download it again.")
-    if truncated := next(filter(_TRUNCATED.search, messages), None):
-        raise UserError(f"{path}: truncated ({truncated}). Download it again.")
-    log_messages(messages, path)
+        raise UserError(f"{path}: not a VRS file. Download it again.")
     return provider
 
 

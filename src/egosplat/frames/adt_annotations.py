@@ -10,7 +10,7 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 from egosplat.calibration.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_video, find_segmentation
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.frames.adt import RGB_STREAM, decode, open_checked, open_video, rectification
+from egosplat.frames.adt import RGB_STREAM, open_video, open_vrs, read_checked, rectification
 from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, check_instance
 from egosplat.frames.rectify import Rectification
 from egosplat.progress import log
@@ -37,7 +37,7 @@ def open_annotations(folder: Path, keys: AnnotationKeys) -> Annotations | None:
     listed = np.array([instance.id for instance in instances], dtype=np.uint64)
 
     def read(timestamp_ns: int) -> NDArray[np.int32] | None:
-        ids = decode(path, "", lambda: _ids_near(provider, timestamp_ns, keys.max_age_ns, rectified))
+        ids = read_checked(path, "", lambda: _ids_near(provider, timestamp_ns, keys.max_age_ns, rectified))
         return None if ids is None else _index_of(ids, listed, path)[None]
 
     return Annotations(instances, read)
@@ -91,7 +91,7 @@ def open_segmentation(video: Path, path: Path) -> AriaDigitalTwinDataProvider:
     """Open the segmentation at ``path`` of a video; UserError if it cannot be read."""
     paths = AriaDigitalTwinDataPaths()
     paths.aria_vrs_filepath, paths.segmentations_filepath = str(video), str(path)
-    provider = open_checked(path, lambda: AriaDigitalTwinDataProvider(paths))
+    provider = open_vrs(path, lambda: AriaDigitalTwinDataProvider(paths))
     if not provider.has_segmentation_images():
         raise UserError(f"{path}: has no segmentation. Download it again.")
     return provider

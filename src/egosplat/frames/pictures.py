@@ -220,15 +220,9 @@ def _choose_frames(
 
 def _estimate_lens(pictures: Pictures, full: Camera, wanted: str) -> tuple[Pictures, dict | None]:
     """The pictures with the lens that frames of unknown cameras ask for, if any, and the evidence."""
-    valid = resize_mask(pictures.valid, *pictures.size)
-    lens, evidence = lens_of_frames(
-        wanted,
-        lambda indices: pictures.read(indices, valid),
-        len(pictures.source.pictures),
-        valid,
-        full.scaled_to(*pictures.size),
-        pictures.shown if pictures.any_masked else None,
-    )
+    valid, count = resize_mask(pictures.valid, *pictures.size), len(pictures.source.pictures)
+    camera, shown = full.scaled_to(*pictures.size), pictures.shown if pictures.any_masked else None
+    lens, evidence = lens_of_frames(wanted, lambda at: pictures.read(at, valid), count, valid, camera, shown)
     if lens is None:
         return pictures, evidence
     source = replace(pictures.source, lenses=[lens.scaled_to(full.width, full.height)])

@@ -27,8 +27,8 @@ class Recording:
         device_from_camera: (4, 4) float64, or None if the recording has no device frame.
         upright: whether up in the frames is up in the world, as far as the recording tells.
         labeled: (E,) int64 frames whose labels a benchmark scores; None if any frame may be held out.
-        masked: returns the (H, W) bool pixels of a frame that its own mask or transparency leaves out; None if no frame has any.
-        facts: further facts about a plain recording, as plain JSON, for the frames artifact.
+        masked: returns the (H, W) bool pixels that a frame's own mask or transparency leaves out; None if no frame has any.
+        facts: further facts about a plain recording, as plain JSON.
     """
 
     timestamp_ns: NDArray[np.int64]

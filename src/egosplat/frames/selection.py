@@ -23,11 +23,9 @@ def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, sourc
         (F,) int64 indices into the (N,) times, F >= 1; the first frame of the range is one.
 
     Raises:
-        UserError: the times do not increase, the range is empty, or no frame is in it.
+        UserError: the times do not increase, or no frame is in the range.
     """
     start_s, end_s = options.start_s, options.end_s
-    if end_s is not None and not end_s > start_s:
-        raise UserError(f"end_s: {end_s} does not lie after start_s = {start_s}.")
     if not (np.diff(timestamp_ns) > 0).all():
         raise UserError(f"{source}: frames are not in order of time. Copy the recording again.")
     # Relative to the first frame: devices count from their start or from 1970.

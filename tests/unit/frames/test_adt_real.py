@@ -111,6 +111,6 @@ def test_missing_videos_are_named(copy):
 
 def test_a_black_frame_is_named(sample, monkeypatch):
     recording = open_recording(sample, OPTIONS)
-    monkeypatch.setattr(adt, "decode", lambda *_: np.zeros((1408, 1408, 3), np.uint8))
+    monkeypatch.setattr(adt, "read_checked", lambda *_: np.zeros((1408, 1408, 3), np.uint8))
     with pytest.raises(UserError, match="frame 2 .*black"):
         next(recording.read_frames(np.array([2])))

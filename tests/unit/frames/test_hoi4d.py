@@ -7,7 +7,7 @@ from PIL import Image
 
 from egosplat.errors import UserError
 from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.hoi4d import COLORS, decode_labels, find_sequence, instances_of, open_recording
+from egosplat.frames.hoi4d import COLORS, decode_labels, instances_of, open_recording
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.geometry import Camera
@@ -73,11 +73,6 @@ def test_frames_are_scaled_with_their_camera(root):
     assert [image.shape for image in frames] == [(24, 32, 3)] * 2
     assert abs(int(frames[1][12, 28, 1]) - 70) <= 3
     assert frames[1][12, 4, 0] > 200
-
-
-@pytest.mark.parametrize("path", [FOLDER, NAME])
-def test_a_sequence_is_found_by_folder_and_by_name(root, path):
-    assert find_sequence(root / path) == root / FOLDER
 
 
 def test_videos_and_annotations_may_have_separate_root_folders(root):

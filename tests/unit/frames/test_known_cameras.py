@@ -236,13 +236,6 @@ def test_masks_of_frames_are_read(folder, suffix):
     np.testing.assert_array_equal(masking.frames(np.array([3, 1]))[1].numpy(), valid & ~shown[1])
 
 
-def test_a_mask_of_another_size_is_named(folder):
-    save(folder / "masks/all.png", np.full((10, 10), 255, np.uint8))
-    write_transforms(folder, NAMES, mask_path="masks/all.png")
-    with pytest.raises(UserError, match="all.png: 10x10 px, but the frames are 64x48"):
-        open_recording(folder, OPTIONS)
-
-
 @pytest.mark.parametrize("known", [False, True])
 def test_transparent_pixels_are_not_valid(folder, known):
     """Below them lies any color. What is transparent in every picture is invalid, the rest masked."""
@@ -303,17 +296,6 @@ def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, names, fir
     files = opened("frames", "plain", recording)
     copied = open_recording(copy_files(files, recording, tmp_path / "copy"), OPTIONS)
     assert frames.facts | json.loads(json.dumps(copied.facts)) == frames.facts
-
-
-def test_points_that_are_not_finite_are_told(folder, capsys):
-    axes = "".join(f"property float {axis}\n" for axis in "xyz")
-    head = f"ply\nformat ascii 1.0\nelement vertex 3\n{axes}end_header\n"
-    (folder / "points.ply").write_text(f"{head}0 0 4\nnan 1 2\n1 inf 2\n")
-    write_transforms(folder, NAMES, CAMERA | {"ply_file_path": "points.ply", "aabb_scale": 16})
-    _, poses = make(folder)
-    told = capsys.readouterr().err
-    assert poses.shape("points/xyz")[0] == 1 and "leaves out 2 of 3 points, which are not finite" in told
-    assert "these keys do not count: aabb_scale" in told
 
 
 def test_masks_of_instant_ngp_are_no_pictures(folder, capsys):
