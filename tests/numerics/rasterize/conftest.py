@@ -70,6 +70,10 @@ class Compared:
         return float(((self.found.image - self.truth.image).abs() * self.decided[..., None]).max())
 
     @property
+    def error(self) -> float:
+        return max(self.image_error, self.gradient_error)
+
+    @property
     def gradient_error(self) -> float:
         """The larger of the next two errors; infinite if a gradient is not finite."""
         return max(self.shape_error, self.pose_error)

@@ -167,14 +167,6 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
     assert bool((unbroken.corrections.steps > 0).all())
 
 
-def test_gains_change_colors_and_not_features():
-    """Protects the codes of joint training from the exposure."""
-    image = torch.rand(3, 4, 5)
-    found = expose(image, torch.log(torch.tensor([2.0, 0.5, 1.0])))
-    torch.testing.assert_close(found[..., :3], image[..., :3] * torch.tensor([2.0, 0.5, 1.0]))
-    assert torch.equal(found[..., 3:], image[..., 3:])
-
-
 def test_highlights_gain_less(start, camera_to_world, pictures):
     """Protects windows: a tone curve compresses highlights, so that one gain does not fit the dark and the bright."""
     ramp = torch.linspace(0.05, 1.0, 64).reshape(8, 8, 1).expand(8, 8, 3)

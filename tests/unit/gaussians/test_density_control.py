@@ -205,13 +205,6 @@ def test_a_scene_without_gaussians_left_is_an_error(n: int) -> None:
         step(control(), NOW, with_moments(make(n, opacity=0.004)))
 
 
-def test_one_gaussian_can_become_two() -> None:
-    density, optimizer = control(max_gaussians=2), with_moments(make(1, scale=0.1))
-    observe(density, [1.0])
-    after = step(density, NOW, optimizer)
-    assert after.count == 2 and not torch.equal(after.means[0], after.means[1])
-
-
 def test_a_restored_state_continues_identically() -> None:
     density, resumed = control(), control()
     observe(density, [1.0, 0.0, 1.0])

@@ -39,12 +39,6 @@ def test_gaussians_from_points_have_the_stock_values() -> None:
     assert bool(gaussians.finite().all())
 
 
-def test_duplicates_get_a_small_scale_and_not_zero() -> None:
-    gaussians = start(np.zeros((10, 3)))
-    np.testing.assert_allclose(gaussians.scales.numpy(), np.sqrt(1e-7), rtol=1e-4)
-    assert bool(gaussians.finite().all())
-
-
 def test_points_that_are_not_finite_are_dropped_with_their_colors() -> None:
     xyz = np.arange(15.0).reshape(5, 3)
     xyz[1, 2], xyz[3, 0] = np.nan, np.inf

@@ -97,24 +97,6 @@ def test_invisible_rows_advance_only_the_step(share: float) -> None:
         torch.testing.assert_close(getattr(one, name), getattr(other, name), rtol=1e-6, atol=1e-7)
 
 
-def test_a_row_moves_if_it_has_a_gradient_or_moments() -> None:
-    gaussians = make(3)
-    optimizer = Adam(gaussians, RATES)
-    set_gradients(gaussians, 0)
-    for parameter in gaussians.parameters().values():
-        parameter.grad[0] = 0.0
-    before = copy(gaussians)
-    optimizer.step(None)
-    after = copy(gaussians)
-    optimizer.zero_grad()
-    assert gaussians.means.grad is None
-    optimizer.step(None)
-    for name in PARAMETERS:
-        start, middle, end = (getattr(g, name) for g in (before, after, gaussians))
-        assert torch.equal(start[0], end[0])
-        assert not torch.equal(start[1], middle[1]) and not torch.equal(middle[1], end[1])
-
-
 @pytest.mark.parametrize("value", [math.nan, -math.inf, 1e30])
 @pytest.mark.parametrize("name", PARAMETERS)
 @pytest.mark.parametrize("gathered", [False, True])
@@ -180,14 +162,6 @@ def test_a_restored_state_continues_identically() -> None:
     for name in PARAMETERS:
         assert torch.equal(getattr(optimizer.gaussians, name), getattr(resumed.gaussians, name))
     assert (resumed.step_count, resumed.skipped_rows) == (2, 1)
-
-
-def test_no_gaussians_and_no_features() -> None:
-    for gaussians in (make(0), make(3, channels=0)):
-        optimizer = Adam(gaussians, RATES)
-        set_gradients(gaussians, 0)
-        optimizer.step(torch.ones(gaussians.count, dtype=torch.bool))
-        assert bool(gaussians.finite().all())
 
 
 def test_mismatched_shapes_are_rejected() -> None:

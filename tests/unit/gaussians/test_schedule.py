@@ -81,10 +81,3 @@ def test_a_cut_schedule_is_the_beginning_of_the_stock_schedule():
 @pytest.mark.parametrize("iterations", [1, 499, 500, 501])
 def test_a_run_shorter_than_the_warmup_has_no_density_control(iterations):
     assert not densifications(cut(STOCK, iterations))
-
-
-def test_statistics_are_collected_until_the_last_growth() -> None:
-    """No growth uses an iteration after the last one."""
-    schedule = scaled(STOCK, 3_000)
-    last = max(densifications(schedule))
-    assert last < schedule.densify_until

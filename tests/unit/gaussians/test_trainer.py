@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.gaussians import loss as objective
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
@@ -122,12 +121,6 @@ def test_pixels_outside_the_lens_circle_do_not_matter(trained, view_sets):
     assert same(dark.gaussians, bright.gaussians)
     unmasked = trained(replace(view_sets, training=replace(views, valid=None, pictures=other)))
     assert not same(dark.gaussians, unmasked.gaussians)
-
-
-def test_a_non_finite_loss_changes_no_gaussian(trained, start, monkeypatch):
-    monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
-    state = trained(iterations=20)
-    assert same(state.gaussians, start) and state.bad_records == 2 and state.optimizer.skipped_rows > 0
 
 
 def test_a_scene_outside_all_cameras_trains_without_error(trained, start):

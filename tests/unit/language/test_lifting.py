@@ -55,20 +55,6 @@ def test_lifted_codes_are_means_by_rendering_weight(wall, views, settings, maske
     )
 
 
-def test_each_half_gets_the_code_of_its_instance(wall, views):
-    lifted = lift(views())
-    inside = (wall.means[:, 0].abs() > 0.4) & (wall.means[:, :2].abs() < 1.0).all(dim=1)
-    left, right = inside & (wall.means[:, 0] < 0), inside & (wall.means[:, 0] > 0)
-    assert left.any() and right.any()
-    for half, code in ((left, [1.0, 0.0, 0.5]), (right, [0.0, 1.0, -0.5])):
-        torch.testing.assert_close(
-            lifted.code[half, 1], torch.tensor(code).expand(int(half.sum()), 3), atol=0.05, rtol=0
-        )
-        assert float(lifted.share[half, 1].min()) == pytest.approx(1.0)
-    far = wall.means[:, 1].abs() > 1.2  # no instance at level 0 there
-    assert float(lifted.share[far, 0].max()) == 0.0 and float(lifted.code[far, 0].abs().max()) == 0.0
-
-
 def test_gaussians_in_no_view_get_no_code(wall, views):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0

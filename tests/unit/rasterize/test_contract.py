@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from egosplat.rasterize.contract import Arguments, check, shows_colors, shows_depth, shows_expected_depth
+from egosplat.rasterize.contract import Arguments, check
 
 
 def arguments(n: int = 4, c: int = 2, **changes: object) -> dict[str, object]:
@@ -78,10 +78,3 @@ def test_valid_shapes_are_accepted(accepted):
 def test_invalid_shapes_are_rejected(refused, words):
     with pytest.raises(ValueError, match=words):
         check(Arguments(**arguments(**refused)))
-
-
-def test_each_render_mode_has_its_channels():
-    modes = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
-    assert [shows_colors(mode) for mode in modes] == [True, False, False, True, True]
-    assert [shows_depth(mode) for mode in modes] == [False, True, True, True, True]
-    assert [shows_expected_depth(mode) for mode in modes] == [False, False, True, False, True]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.schemas import POSES, SCHEMAS
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.export.gaussians import geometry_columns, write_ply
 from egosplat.export.spz import write_spz
@@ -24,7 +24,6 @@ from egosplat.splats import stage
 from egosplat.splats.imported import known_worlds
 from egosplat.splats.source_reader import read_source
 from tests.support.gaussian_scene import CAMERA
-from tests.support.scenes import camera_facts, put
 from tests.support.splat_files import gsplat_columns, packed_ply, ply, spz, write
 from tests.support.splats import colorful
 from tests.unit.gaussians.test_similarity import similarity
@@ -322,10 +321,3 @@ def test_a_path_that_is_no_file_is_named(filmed, tmp_path, kind):
         path.mkdir()
     with pytest.raises(UserError, match=f"^splats.source: .*{path}.*\\.ply"):
         run(filmed, path)
-
-
-def test_poses_of_a_colmap_model_tell_of_the_world_of_gsplat(tmp_path):
-    """Only their stage knows all points of the model."""
-    put(tmp_path, "poses", {}, camera_facts(CAMERA, notes={"gsplat_world": np.eye(4).tolist()}), size=1)
-    poses = open_artifact(tmp_path / "poses.zarr", POSES)
-    assert "gsplat's normalized world" in dict(known_worlds([], poses))

@@ -15,7 +15,6 @@ from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, SCHEMAS, TRAINED, camera_poses
 from egosplat.errors import UserError
-from egosplat.gaussians import training_views
 from egosplat.gaussians.model import PARAMETERS
 from egosplat.splats import stage
 from tests.support.scenes import put
@@ -42,14 +41,6 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene, pictures):
     assert splats.read("curve/gaussians")[-1] == splats.shape("means")[0]
     error = np.abs(splats.row("held_out/render", 0).astype(float) - pictures[4]) / 255
     assert -10 * np.log10((error**2).mean()) == pytest.approx(splats.read("held_out/psnr")[0], abs=0.1)
-
-
-def test_views_read_from_the_artifact_give_the_same_gaussians(scene, monkeypatch):
-    """A long recording does not fit in memory."""
-    folder = scene()
-    held = run(folder)
-    monkeypatch.setattr(training_views, "IN_MEMORY", 2 * 24 * 24 * 3)
-    assert run(folder, "read.zarr").digest == held.digest
 
 
 def test_frames_left_out_by_the_survey_are_not_trained_on(scene, pictures, survey_that_keeps):
@@ -177,11 +168,3 @@ def test_corrections_are_written_beside_the_scores_without(scene, camera_to_worl
         np.delete(camera_poses(poses, again), 4, axis=0), np.delete(found, 4, axis=0)
     )
     assert again.read("corrections/gain")[4].max() < 0.8 * splats.read("corrections/gain")[4].min()
-
-
-def test_without_corrections_the_arrays_are_those_of_before(scene):
-    """Protects the bytes of a training with both keys off."""
-    folder = scene()
-    splats, poses = run(folder), open_artifact(folder / "poses.zarr", POSES)
-    assert not splats.has("corrections/gain") and not splats.has("held_out/psnr_given")
-    np.testing.assert_array_equal(camera_poses(poses, splats), poses.read("camera_to_world"))

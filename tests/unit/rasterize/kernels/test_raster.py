@@ -61,15 +61,8 @@ def test_every_number_of_threads_gives_the_same_bits(channels):
         assert all(torch.equal(a, b) for a, b in zip(first, other, strict=True))
 
 
-def test_calls_do_not_share_state():
-    large, small = projected(3000, 12, seed=1), projected(10, 3, seed=2)
-    fresh = pull(small, 1)
-    pull(large, 1)
-    assert all(torch.equal(a, b) for a, b in zip(fresh, pull(small, 1), strict=True))
-
-
 def test_two_forward_passes_before_their_backward_passes():
-    values = [projected(500, 3, seed) for seed in (3, 4)]
+    values = [projected(3000, 12, seed=3), projected(10, 3, seed=4)]
     alone = [pull(value, 1) for value in values]
     inputs = [{n: v.clone().requires_grad_(n == "channels") for n, v in each.items()} for each in values]
     renders = [composite(**each, width=WIDTH, height=HEIGHT)[0] for each in inputs]
@@ -91,21 +84,10 @@ def test_the_backward_pass_can_run_twice():
 def test_a_gradient_of_alpha_only_is_propagated():
     values = projected(300, 3)
     values["opacities"].requires_grad_()
-    _, alpha = composite(**values, width=WIDTH, height=HEIGHT)
-    alpha.sum().backward()
-    step = 1e-2
-    with torch.no_grad():
-        sums = [
-            composite(
-                **values | {"opacities": values["opacities"] * (1 + sign * step)}, width=WIDTH, height=HEIGHT
-            )[1]
-            .double()
-            .sum()
-            for sign in (1, -1)
-        ]
-    slope = (sums[0] - sums[1]) / (2 * step)
-    predicted = (values["opacities"].detach() * values["opacities"].grad).double().sum()
-    assert predicted.item() == pytest.approx(slope.item(), rel=0.02)
+    render, alpha = composite(**values, width=WIDTH, height=HEIGHT)
+    (alone,) = torch.autograd.grad(alpha.sum(), values["opacities"], retain_graph=True)
+    (beside,) = torch.autograd.grad(alpha.sum() + 0 * render.sum(), values["opacities"])
+    assert torch.equal(alone, beside) and alone.any()
 
 
 def test_rows_of_pixels_without_a_gradient_add_nothing():
@@ -125,33 +107,6 @@ def test_rows_of_pixels_without_a_gradient_add_nothing():
 
     found, expected = gradients(math.inf), gradients(0.5)
     assert all(torch.equal(a, b) and not a[0].any() and a.any() for a, b in zip(found, expected, strict=True))
-
-
-def test_gaussians_are_composited_nearest_first():
-    values = projected(2, 3) | {
-        "means2d": torch.full((2, 2), 50.5),
-        "conics": torch.tensor([[0.1, 0.0, 0.1]] * 2),
-        "depths": torch.tensor([2.0, 1.0]),
-        "opacities": torch.tensor([0.5, 0.25]),
-        "channels": torch.eye(2, 3),
-        "variances_y": None,
-        "radii": torch.full((2, 2), 12, dtype=torch.int32),
-        "background": torch.zeros(3),
-    }
-    render, alpha = composite(**values, width=WIDTH, height=HEIGHT)
-    assert render[:, 50, 50].tolist() == pytest.approx([0.75 * 0.5, 0.25, 0.0], rel=1e-6)
-    assert alpha[50, 50].item() == pytest.approx(1 - 0.75 * 0.5, rel=1e-6)
-    at = math.exp(-0.5 * 0.1 * 9)  # three pixels to the right
-    assert render[1, 50, 53].item() == pytest.approx(0.25 * at, rel=1e-6)
-
-
-def test_culled_gaussians_are_ignored():
-    values = projected(50, 3)
-    values["radii"][:25] = 0
-    values["means2d"][:25] = math.nan
-    rest = {name: value[25:] if len(value) == 50 else value for name, value in values.items()}
-    found, expected = (composite(**each, width=WIDTH, height=HEIGHT)[0] for each in (values, rest))
-    assert torch.equal(found, expected)
 
 
 def test_other_variants_agree(in_other_variant: Callable[[str, Path], None], tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.reference.rasterizer import TILE, composite, intersect_tiles
+from egosplat.rasterize.reference.rasterizer import composite
 
 TOLERANCE = {torch.float32: 2e-5, torch.float64: 1e-12}
 
@@ -100,14 +100,3 @@ def test_no_gradient_above_the_largest_alpha(opacity, slope):
     one = torch.ones(1).double()
     composite(mean, conic, opacities, one[:, None], one, torch.ones(1, 2), 1, 1)[1].sum().backward()
     assert opacities.grad.item() == pytest.approx(slope)
-
-
-def test_tiles_list_the_gaussians_that_reach_them():
-    means2d, _, _, _, depths, radii = random_gaussians(50, 60, 40, 0.1, 1.0, seed=1)
-    radii[7] = 0
-    ids, counts = intersect_tiles(means2d, depths, radii, 4, 3)
-    for index, found in enumerate(ids.split(counts.tolist())):
-        low = torch.tensor([index % 4, index // 4]) * TILE
-        touching = ((means2d + radii > low) & (means2d - radii < low + TILE)).all(dim=1) & (radii > 0).all(1)
-        assert sorted(found.tolist()) == touching.nonzero().squeeze(1).tolist()
-        assert depths[found].diff().ge(0).all()

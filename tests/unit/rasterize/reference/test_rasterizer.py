@@ -174,14 +174,6 @@ def test_an_empty_view_still_has_gradients(count):
     assert (values["backgrounds"].grad == WIDTH * HEIGHT).all()
 
 
-def test_gradient_of_means2d_is_kept_for_density_control():
-    values = {name: each.requires_grad_() for name, each in scene(5, 1).items()}
-    image, _, meta = rasterization(Arguments(**values, width=WIDTH, height=HEIGHT))
-    meta["means2d"].retain_grad()
-    image.square().sum().backward()
-    assert (meta["means2d"].grad.abs() > 1e-6).all()
-
-
 def test_cameras_are_independent_and_quaternions_of_any_length():
     values = scene(8, 4, cameras=3)
     both, _, meta = rasterization(Arguments(**values, width=WIDTH, height=HEIGHT))
