@@ -12,7 +12,10 @@ from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLAT
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.training_views import Masking, open_masking
 from egosplat.geometry import Camera
+from egosplat.language.targets import CodeTargets
+from egosplat.language.views import select_code_views
 from tests.support.scenes import LEVELS, camera_facts, put
 
 SIZE = 24
@@ -121,12 +124,18 @@ def unrefined(tmp_path_factory) -> Artifact:
 
 
 @pytest.fixture
-def opened() -> Callable[[Path], tuple[Artifact, Artifact, Artifact, Artifact]]:
-    """``opened(folder)``: frames, poses, segments and features."""
+def prepared(scene, unrefined, wall, settings):
+    """``prepared(masked, gaussians, **changes)``: the training views of a scene, by default of the wall, and its targets."""
 
-    def open_all(folder: Path) -> tuple[Artifact, Artifact, Artifact, Artifact]:
+    def make(masked: bool = False, gaussians: Gaussians = wall, **changes: object):
+        folder = scene(**changes)
         kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES}
-        found = [open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()]
-        return found[0], found[1], found[2], found[3]
+        opened = [open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()]
+        frames, poses, instances, features = opened
+        targets = CodeTargets(instances, features, torch.device("cpu"))
+        masking = Masking(None, "")
+        if masked:
+            masking = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
+        return select_code_views(frames, poses, unrefined, targets.of, masking, gaussians, settings), targets
 
-    return open_all
+    return make

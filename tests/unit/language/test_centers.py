@@ -57,26 +57,24 @@ def test_what_a_view_shows_is_the_same_with_both_backends(crowd):
     assert (crowd.means[found.gaussian, 2] >= 0.1).all() and 50 < len(found.gaussian) < 250
 
 
-def test_weights_and_median_depth_of_two_blobs_in_a_row():
-    """Opacity 0.4 leaves a transmittance of 0.6, and 0.9 behind it leaves 0.06: the second is the median."""
-    row = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 3.0]], [0.4, 0.9])
+@pytest.mark.parametrize(
+    ("depths", "opacities", "weights", "median"),
+    [
+        # Opacity 0.4 leaves a transmittance of 0.6, and 0.9 behind it leaves 0.06: the second is the median.
+        ([2.0, 3.0], [0.4, 0.9], [0.4, 0.6 * 0.9], 3.0),
+        ([2.0], [0.4], [0.4], np.nan),
+        # Two opacities of 0.995 end the pixel: their transmittance is below 1e-4.
+        ([2.0, 2.1, 2.2, 3.0], [0.995] * 3 + [0.9], [0.995, 0.005, 0.0, 0.0], 2.0),
+    ],
+)
+def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, median):
+    row = blobs([[0.0, 0.0, depth] for depth in depths], opacities)
     found = look_at_centers(row, CAMERA, np.eye(4), settings())
-    np.testing.assert_array_equal(found.pixel, [[30, 20], [30, 20]])
+    assert found.pixel.tolist() == [[30, 20]] * len(depths)
     # The center lies at the corner of its pixel, half a pixel from the pixel's center.
-    np.testing.assert_allclose(found.weight, [0.4, 0.6 * 0.9], rtol=0.02)
-    np.testing.assert_allclose(found.median_depth, [3.0, 3.0])
-
-
-def test_a_lone_gaussian_of_opacity_0_4_has_no_median_depth():
-    found = look_at_centers(blobs([[0.0, 0.0, 2.0]], [0.4]), CAMERA, np.eye(4), settings())
-    assert np.isnan(found.median_depth).all() and found.weight[0] == pytest.approx(0.4, rel=0.02)
-
-
-def test_a_gaussian_behind_an_opaque_stack_has_weight_0():
-    """Two opacities of 0.995 end the pixel: their transmittance is below 1e-4."""
-    stack = blobs([[0.0, 0.0, 2.0], [0.0, 0.0, 2.1], [0.0, 0.0, 2.2], [0.0, 0.0, 3.0]], [0.995] * 3 + [0.9])
-    found = look_at_centers(stack, CAMERA, np.eye(4), settings())
-    assert found.weight[0] > 0.9 and found.weight[3] == 0.0
+    np.testing.assert_allclose(found.weight, weights, rtol=0.02, atol=0.01)
+    np.testing.assert_allclose(found.median_depth, median)
+    assert not found.weight[3:].any()
 
 
 def test_centers_behind_the_camera_and_outside_the_image_are_left_out():

@@ -1,39 +1,16 @@
 """Lifting of instances: each Gaussian takes the code of the instance that it shows most."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
 from scipy import sparse
 
 from egosplat.artifacts.schemas import GAUSSIANS
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import view_of
-from egosplat.gaussians.training_views import Masking, open_masking
 from egosplat.language.centers import project_centers
 from egosplat.language.dominant import lift_instances, mean_of_dominant, target_votes
-from egosplat.language.targets import CodeTargets
-from egosplat.language.views import select_code_views
 from egosplat.rasterize.view import composite
 from tests.unit.language.conftest import CODES
-
-CPU = torch.device("cpu")
-
-
-@pytest.fixture
-def prepared(scene, opened, unrefined, wall, settings):
-    """``prepared(masked)``: views and targets of the scene."""
-
-    def make(masked: bool = False, **changes: object):
-        folder = scene(**changes)
-        frames, poses, instances, features = opened(folder)
-        moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
-        targets = CodeTargets(instances, features, CPU)
-        masking = moving if masked else Masking(None, "")
-        return select_code_views(frames, poses, unrefined, targets.of, masking, wall, settings), targets
-
-    return make
 
 
 @pytest.mark.parametrize("masked", [False, True])
@@ -79,15 +56,6 @@ def test_each_gaussian_has_the_code_of_one_instance(wall, settings, prepared):
     assert float(found.share.min()) >= 0.0 and float(found.share.max()) <= 1.0
     far = wall.means[:, 1].abs() > 1.2  # no instance at level 0 there
     assert float(found.share[far, 0].max()) == 0.0 and float(found.code[far, 0].abs().max()) == 0.0
-
-
-def test_gaussians_in_no_view_get_no_code(wall, prepared):
-    behind = wall.select(torch.arange(3))
-    behind.means[:, 2] = -5.0
-    views, targets = prepared()
-    found = lift_instances(replace(views, gaussians=Gaussians.concatenate([wall, behind])), targets)
-    assert not found.share[-3:].any() and not found.code[-3:].any()
-    assert bool(found.code.isfinite().all())
 
 
 def test_a_code_is_the_mean_of_the_views_of_the_dominant_instance():

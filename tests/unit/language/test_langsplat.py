@@ -5,24 +5,18 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
-from egosplat.gaussians.training_views import Masking
 from egosplat.language.joint import code_l1
 from egosplat.language.options import LanguageOptions
-from egosplat.language.targets import CodeTargets, Targets
-from egosplat.language.views import select_code_views
+from egosplat.language.targets import Targets
 from egosplat_rivals.langsplat import PlainCodes, codes_to_render
 from egosplat_rivals.loop import train
 
-CPU = torch.device("cpu")
 OPTIONS = LanguageOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
 
 
 @pytest.fixture
-def views(scene, opened, unrefined, wall, settings):
-    frames, poses, instances, features = opened(scene())
-    return select_code_views(
-        frames, poses, unrefined, CodeTargets(instances, features, CPU).of, Masking(None, ""), wall, settings
-    )
+def views(prepared):
+    return prepared()[0]
 
 
 @pytest.fixture

@@ -6,35 +6,16 @@ import torch
 
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import view_of
-from egosplat.gaussians.training_views import Masking, open_masking
+from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import lift
 from egosplat.language.rendering import render_codes
-from egosplat.language.targets import CodeTargets
-from egosplat.language.views import CodeViews, select_code_views
 from egosplat.rasterize.view import composite
-
-CPU = torch.device("cpu")
-
-
-@pytest.fixture
-def views(scene, opened, unrefined, wall, settings):
-    """``views(masked, gaussians)``: the training views of the scene, by default of the wall."""
-
-    def make(masked: bool = False, gaussians: Gaussians = wall) -> CodeViews:
-        folder = scene()
-        frames, poses, instances, features = opened(folder)
-        moving = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
-        masking = moving if masked else Masking(None, "")
-        return select_code_views(
-            frames, poses, unrefined, CodeTargets(instances, features, CPU).of, masking, gaussians, settings
-        )
-
-    return make
+from tests.unit.language.conftest import CAMERA, HELD_OUT
 
 
 @pytest.mark.parametrize("masked", [False, True])
-def test_lifted_codes_are_means_by_rendering_weight(wall, views, settings, masked):
-    given = views(masked)
+def test_lifted_codes_are_means_by_rendering_weight(wall, prepared, settings, masked):
+    given, _ = prepared(masked)
     lifted = lift(given)
     # Each column of the identity shows where one Gaussian is rendered, and how much of it.
     codes, known, seen = torch.zeros(wall.count, 2, 3), torch.zeros(wall.count, 2), torch.zeros(wall.count)
@@ -55,23 +36,24 @@ def test_lifted_codes_are_means_by_rendering_weight(wall, views, settings, maske
     )
 
 
-def test_gaussians_in_no_view_get_no_code(wall, views):
+@pytest.mark.parametrize("dominant", [False, True])
+def test_gaussians_in_no_view_get_no_code(wall, prepared, dominant):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
-    lifted = lift(views(gaussians=Gaussians.concatenate([wall, behind])))
-    assert float(lifted.share[-3:].abs().max()) == 0.0 and float(lifted.code[-3:].abs().max()) == 0.0
+    views, targets = prepared(gaussians=Gaussians.concatenate([wall, behind]))
+    lifted = lift_instances(views, targets) if dominant else lift(views)
+    assert not lifted.share[-3:].any() and not lifted.code[-3:].any()
     assert bool(lifted.code.isfinite().all()) and bool((lifted.share <= 1).all())
 
 
-def test_rendered_codes_are_those_that_were_lifted(wall, views, settings, camera_to_world, labels):
-    given = views()
-    lifted = lift(given)
+def test_rendered_codes_are_those_that_were_lifted(wall, prepared, settings, camera_to_world, labels):
+    lifted = lift(prepared()[0])
     found = render_codes(
         wall,
         lifted.code,
         lifted.share,
-        given.camera,
-        camera_to_world[2],  # held out
+        CAMERA,
+        camera_to_world[HELD_OUT],
         settings,
     )
     assert found.codes.shape == (2, 24, 24, 3) and found.coverage.shape == (2, 24, 24)
@@ -84,13 +66,13 @@ def test_rendered_codes_are_those_that_were_lifted(wall, views, settings, camera
     assert bool(none.any()) and float(found.codes[0][none].abs().max()) == 0.0
 
 
-def test_gaussians_without_share_do_not_contribute(wall, camera_to_world, settings, views):
+def test_gaussians_without_share_do_not_contribute(wall, camera_to_world, settings, prepared):
     code = torch.zeros(wall.count, 1, 2)
     code[: wall.count // 2] = torch.tensor([1.0, 2.0])
     code[wall.count // 2 :] = 1e6
     share = torch.zeros(wall.count, 1)
     share[: wall.count // 2] = 0.25
-    found = render_codes(wall, code, share, views().camera, camera_to_world[0], settings)
+    found = render_codes(wall, code, share, CAMERA, camera_to_world[0], settings)
     covered = found.coverage[0] > 1e-6
     assert bool(covered.any())
     values = found.codes[0][covered]
