@@ -29,8 +29,8 @@ SECTIONS = {
 MODULES = {
     "frames": {"lerf": "egosplat_rivals.formats.lerf", "3d_ovs": "egosplat_rivals.formats.ovs"},
     "annotations": {
-        "lerf": "egosplat_rivals.formats.lerf_annotations",
-        "3d_ovs": "egosplat_rivals.formats.ovs_annotations",
+        "lerf": "egosplat_rivals.formats.lerf",
+        "3d_ovs": "egosplat_rivals.formats.ovs",
     },
     "language": {
         "trained": "egosplat_rivals.langsplat",

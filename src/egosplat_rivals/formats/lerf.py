@@ -1,18 +1,97 @@
-"""Read the pictures of a scene of LERF-OVS: LangSplat's labels choose the evaluation frames (docs/recordings.md).
+"""Read a scene of LERF-OVS: the folder of a COLMAP project, and LangSplat's labels, which choose the evaluation frames.
 
-A scene is the folder of a COLMAP project, ``figurines/images/`` and ``figurines/sparse/0/``; its labels lie beside it, in
-``label/figurines/frame_00041.json`` for picture ``frame_00041.jpg``.
+A label ``label/figurines/frame_00041.json`` is a file of the annotation tool ISAT: ``info`` has width and height of the picture,
+``objects`` a category and a polygon each, ``segmentation``, in pixels. Objects of one category in a picture are instances of
+their own. The boxes of the file, which are those of the polygons, are not read.
 """
 
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from egosplat.errors import UserError
+from egosplat.files import read_json
 from egosplat.frames import pictures
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording import Recording
-from egosplat_rivals.formats.labeled_annotations import find_labels, match_labels
+from egosplat.frames.recording import AnnotationKeys, Annotations, Recording
+from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate, find_labels, match_labels
+
+_LEAST_POINTS = 3
+# A polygon's points lie in its picture; what lies far outside is in another unit.
+_MOST_PX = 2**20
 
 
 def open_recording(path: Path, options: FramesOptions) -> Recording:
     """Open the pictures of a scene."""
     labels = find_labels("lerf", path)
     return pictures.open_recording(path, options, lambda names: [*match_labels(labels, names)])
+
+
+def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations:
+    """Read the labels of a scene; UserError if there are none, one is damaged or of another size, or a polygon is none."""
+    labels = find_labels("lerf", path)
+    read = {label: _read_label(label) for label in labels.values()}
+    most: Counter[str] = Counter()
+    for _, objects in read.values():
+        most |= Counter(category for category, _ in objects)
+    categories = sorted(most.elements())
+
+    def objects_of(label: Path, size: tuple[int, int]) -> list[LabeledObject]:
+        labeled_size, objects = read[label]
+        if labeled_size != size:
+            raise UserError(
+                f"{label}: for a picture of {labeled_size[0]}x{labeled_size[1]} px, which has {size[0]}x{size[1]}. Give the "
+                "pictures that were labeled, at their size."
+            )
+        return list(_painted(objects, categories, size))
+
+    return annotate(path, keys, labels, categories, objects_of)
+
+
+Polygon = tuple[str, NDArray[np.int32]]
+
+
+def _read_label(path: Path) -> tuple[tuple[int, int], list[Polygon]]:
+    """Width and height of the picture [px], and category and (P, 2) int32 points of each object."""
+    try:
+        document = read_json(path)
+        size = int(document["info"]["width"]), int(document["info"]["height"])
+        objects = [_read_object(path, number, one) for number, one in enumerate(document["objects"])]
+    except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+        raise UserError(
+            f"{path}: not a label of LERF-OVS ({repr(error)[:200]}). Download it again."
+        ) from error
+    if not objects:
+        raise UserError(f"{path}: labels no object. Remove it; its picture is then no evaluation frame.")
+    return size, objects
+
+
+def _read_object(path: Path, number: int, entry: Any) -> Polygon:
+    category = entry["category"]
+    if not (isinstance(category, str) and category.strip()):
+        raise UserError(f"{path}: objects[{number}]: category is {category!r}. Name what it is.")
+    points = np.array(entry["segmentation"], np.float64).reshape(-1, 2)
+    if len(points) < _LEAST_POINTS:
+        raise UserError(
+            f"{path}: objects[{number}] ({category}): segmentation has {len(points)} points; a polygon has {_LEAST_POINTS} or "
+            "more. Draw it, or remove the object."
+        )
+    if not (np.abs(points) < _MOST_PX).all():
+        raise UserError(f"{path}: objects[{number}] ({category}): a point of segmentation is no pixel.")
+    # Cut off, not rounded, as LangSplat does.
+    return category.strip(), points.astype(np.int32)
+
+
+def _painted(objects: list[Polygon], categories: list[str], size: tuple[int, int]) -> Iterator[LabeledObject]:
+    """Index and mask of each object of a picture."""
+    seen: Counter[str] = Counter()
+    for category, points in objects:
+        mask = np.zeros(size[::-1], np.uint8)
+        cv2.fillPoly(mask, [points], 1)
+        yield categories.index(category) + seen[category], mask > 0
+        seen[category] += 1
