@@ -12,6 +12,7 @@ from egosplat.gaussians import trainer as state
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import LearningRates
+from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import pixel_weight
 from egosplat.language.joint import code_l1
 from egosplat.language.targets import Targets
@@ -22,6 +23,13 @@ FRAMES, SIZE = 7, 20
 
 def points(count: int = 40) -> np.ndarray:
     return np.random.default_rng(0).uniform([-1.2, -1.2, 1.9], [1.2, 1.2, 2.1], (count, 3))
+
+
+def in_unit(unit: float) -> dict[str, np.ndarray]:
+    """Poses and points of the scene in units of ``1 / unit`` m."""
+    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAMES) * unit
+    return {"camera_to_world": poses, "points/xyz": points() * unit}
 
 
 def colors(count: int) -> np.ndarray:
@@ -171,29 +179,24 @@ def faster(monkeypatch, factor: int) -> None:
 
 
 @pytest.mark.numerics(
-    "learning rate of the positions x100 and x1e4", outside="trains, or UserError that says why; all finite"
+    "learning rate of the positions x100 and x1e4, and all x100",
+    outside="trains, or UserError that says why; all finite",
 )
-@pytest.mark.parametrize("factor", [100, 10_000])
-def test_position_rate(scene, run, left, monkeypatch, factor):
-    faster(monkeypatch, factor)
+@pytest.mark.parametrize(("positions", "others"), [(100, 1), (10_000, 1), (100, 100)])
+def test_learning_rates(scene, run, left, monkeypatch, positions, others):
+    usual = stage.training_options
+
+    def faster(options) -> TrainingOptions:
+        return replace(usual(options), position_lr=1.6e-4 * positions)
+
+    def rates(means: float) -> LearningRates:
+        return LearningRates(**{name: others * rate for name, rate in asdict(LearningRates(means)).items()})
+
+    monkeypatch.setattr(stage, "training_options", faster)
+    monkeypatch.setattr(state, "LearningRates", rates)
     folder = scene()
     try:
-        run(folder)
-    except UserError as error:
-        assert "Gaussians" in str(error) or "diverged" in str(error)
-        assert not left(folder)
-
-
-@pytest.mark.numerics("all learning rates x100", outside="trains, or UserError that says why; all finite")
-def test_all_rates(scene, run, left, monkeypatch):
-    def hundredfold(means: float) -> LearningRates:
-        return LearningRates(**{name: 100 * rate for name, rate in asdict(LearningRates(means)).items()})
-
-    monkeypatch.setattr(state, "LearningRates", hundredfold)
-    faster(monkeypatch, 100)
-    folder = scene()
-    try:
-        run(folder, iterations=80)
+        run(folder, iterations=80 if others > 1 else 40)
     except UserError as error:
         assert "Gaussians" in str(error) or "diverged" in str(error)
         assert not left(folder)
@@ -208,10 +211,9 @@ def test_far_from_the_origin(scene, run, measured):
     losses = []
     for far in (0.0, 100.0, 5e3):
         offset = np.array([far, -far, 0.5 * far])
-        poses = np.tile(np.eye(4), (FRAMES, 1, 1))
-        poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAMES)
-        poses[:, :3, 3] += offset
-        changes = {"camera_to_world": poses, "points/xyz": points() + offset}
+        changes = in_unit(1.0)
+        changes["camera_to_world"][:, :3, 3] += offset
+        changes["points/xyz"] += offset
         losses.append(run(scene(**changes), iterations=20).read("curve/loss")[-1])
         measured(abs(losses[-1] - losses[0]) / losses[0])
 
@@ -227,13 +229,6 @@ def test_too_far_from_the_origin(scene, run, left, far):
     with pytest.raises(UserError, match="origin"):
         run(folder)
     assert not left(folder)
-
-
-def in_unit(unit: float) -> dict[str, np.ndarray]:
-    """Poses and points of the scene in units of ``1 / unit`` m."""
-    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
-    poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAMES) * unit
-    return {"camera_to_world": poses, "points/xyz": points() * unit}
 
 
 @pytest.mark.numerics(

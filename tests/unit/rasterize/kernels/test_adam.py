@@ -90,15 +90,10 @@ def test_rows_with_a_non_finite_gradient_are_skipped_and_counted(value: float, r
         assert torch.equal(state[index][others], sound[index][others])
 
 
-def test_results_do_not_depend_on_the_number_of_threads() -> None:
-    before, results = torch.get_num_threads(), []
-    try:
-        for threads in (1, 2, 5):
-            torch.set_num_threads(threads)
-            results.append(tensors(101, 4))
-            steps(results[-1], 4)
-    finally:
-        torch.set_num_threads(before)
+def test_results_do_not_depend_on_the_number_of_threads(with_threads: Callable[..., None]) -> None:
+    results = [tensors(101, 4) for _ in range(3)]
+    for threads, result in zip((1, 2, 5), results, strict=True):
+        with_threads(threads, steps, result, 4)
     for result in results[1:]:
         assert all(torch.equal(one, other) for one, other in zip(result, results[0], strict=True))
 

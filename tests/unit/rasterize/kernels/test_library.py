@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import torch
 
 from compiling import compile_kernels
 from egosplat.errors import UserError
@@ -125,15 +124,9 @@ def test_a_missing_cpuinfo_gives_no_features(tmp_path):
     assert cpu_features(tmp_path / "absent") == frozenset()
 
 
-def test_a_library_uses_torch_s_threads(folder):
-    kernels = open_library(folder, GENERIC)
-    before = torch.get_num_threads()
-    try:
-        for threads in (1, 2):
-            torch.set_num_threads(threads)
-            assert kernels.egosplat_team() == threads
-    finally:
-        torch.set_num_threads(before)
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_library_uses_torch_s_threads(folder, with_threads, threads):
+    assert with_threads(threads, open_library(folder, GENERIC).egosplat_team) == threads
 
 
 def test_a_library_links_to_no_openmp_runtime(folder):

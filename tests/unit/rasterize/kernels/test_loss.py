@@ -57,17 +57,12 @@ def test_value_and_gradient_equal_the_definition(size: tuple[int, int], weighted
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_results_do_not_depend_on_the_number_of_threads(size: tuple[int, int]) -> None:
-    arguments = pictures(*size)
-    before, results = torch.get_num_threads(), []
-    try:
-        for threads in (1, 2, 5):
-            torch.set_num_threads(threads)
-            results.append(value_and_gradient(*arguments))
-    finally:
-        torch.set_num_threads(before)
-    for loss, gradient in results[1:]:
-        assert torch.equal(loss, results[0][0]) and torch.equal(gradient, results[0][1])
+def test_results_do_not_depend_on_the_number_of_threads(
+    size: tuple[int, int], with_threads: Callable[..., tuple[Tensor, Tensor]]
+) -> None:
+    first, *others = (with_threads(count, value_and_gradient, *pictures(*size)) for count in (1, 2, 5))
+    for other in others:
+        assert torch.equal(other[0], first[0]) and torch.equal(other[1], first[1])
 
 
 def test_gradients_scale_with_the_factor_and_the_value_needs_none() -> None:

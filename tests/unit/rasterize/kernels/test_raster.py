@@ -36,26 +36,19 @@ def projected(count: int, channels: int, seed: int = 0) -> dict[str, Tensor]:
     }
 
 
-def pull(values: dict[str, Tensor], threads: int) -> list[Tensor]:
-    """The images and all gradients, computed with a number of threads."""
-    before = torch.get_num_threads()
-    torch.set_num_threads(threads)
-    try:
-        inputs = {
-            name: value.clone().requires_grad_(name not in ("depths", "variances_y", "radii"))
-            for name, value in values.items()
-        }
-        render, alpha = composite(**inputs, width=WIDTH, height=HEIGHT)
-        (render.square().sum() + alpha.sin().sum()).backward()
-    finally:
-        torch.set_num_threads(before)
+def pull(values: dict[str, Tensor]) -> list[Tensor]:
+    """The images and all gradients."""
+    fixed = ("depths", "variances_y", "radii")
+    inputs = {name: value.clone().requires_grad_(name not in fixed) for name, value in values.items()}
+    render, alpha = composite(**inputs, width=WIDTH, height=HEIGHT)
+    (render.square().sum() + alpha.sin().sum()).backward()
     return [render, alpha, *(value.grad for value in inputs.values() if value.grad is not None)]
 
 
 @pytest.mark.parametrize("channels", [3, 20])
-def test_every_number_of_threads_gives_the_same_bits(channels):
+def test_every_number_of_threads_gives_the_same_bits(channels, with_threads):
     values = projected(3000, channels)
-    first, *others = (pull(values, threads) for threads in (1, 2, 3, 8))
+    first, *others = (with_threads(threads, pull, values) for threads in (1, 2, 3, 8))
     assert len(first) == 7
     for other in others:
         assert all(torch.equal(a, b) for a, b in zip(first, other, strict=True))
@@ -63,7 +56,7 @@ def test_every_number_of_threads_gives_the_same_bits(channels):
 
 def test_two_forward_passes_before_their_backward_passes():
     values = [projected(3000, 12, seed=3), projected(10, 3, seed=4)]
-    alone = [pull(value, 1) for value in values]
+    alone = [pull(value) for value in values]
     inputs = [{n: v.clone().requires_grad_(n == "channels") for n, v in each.items()} for each in values]
     renders = [composite(**each, width=WIDTH, height=HEIGHT)[0] for each in inputs]
     for render in reversed(renders):
