@@ -102,9 +102,7 @@ def open_video(folder: Path) -> VrsDataProvider:
         raise UserError(f"{folder}: has no {' or '.join(ADT_VIDEOS)}. Download this file of the recording.")
     provider = open_vrs(path, lambda: create_vrs_data_provider(str(path)))
     if not provider.check_stream_is_active(RGB_STREAM):
-        raise UserError(
-            f"{path}: has no RGB stream (214-1). Give a recording with the glasses' color camera."
-        )
+        raise UserError(f"{path}: has no RGB stream (214-1). Give a recording with the color camera.")
     return provider
 
 
@@ -125,7 +123,5 @@ def rectification(
     turns = clockwise_turns(device, RGB_LABEL) if upright else 0
     if turns is None:
         version = device.get_device_version().name
-        raise UserError(
-            f"{path}: the upright direction of Aria {version} is unknown. Set frames.upright=false."
-        )
+        raise UserError(f"{path}: up is unknown for Aria {version}. Set frames.upright=false.")
     return Rectification(lens, camera, turns)

@@ -59,10 +59,7 @@ def _index_of(ids: NDArray[Any], listed: NDArray[np.uint64], path: Path) -> NDAr
     # Ids have up to 64 bits, so a lookup table would be too large.
     index = np.searchsorted(listed, ids).clip(max=len(listed) - 1)
     if len(unknown := ids[(listed[index] != ids) & (ids != 0)]):
-        raise UserError(
-            f"{path}: instance id {unknown[0]} is not in instances.json. "
-            "Are both of the same recording? Download them again."
-        )
+        raise UserError(f"{path}: instance id {unknown[0]} is not in instances.json. Download both again.")
     return np.where(ids == 0, -1, index).astype(np.int32)
 
 

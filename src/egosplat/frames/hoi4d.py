@@ -128,9 +128,7 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
             return None
         labels = decode_labels(read_rgb(mask))
         if (unknown := float((labels < 0).mean())) > _MAX_UNKNOWN_SHARE:
-            raise UserError(
-                f"{mask}: {unknown:.0%} of the pixels have a color of no label. Download it again."
-            )
+            raise UserError(f"{mask}: {unknown:.0%} of the colors are of no label. Download it again.")
         height, width = labels.shape
         if abs(height * camera.width - width * camera.height) > max(width, camera.width):
             raise UserError(f"{mask}: {width}x{height} px: another aspect ratio than the video's.")

@@ -60,9 +60,7 @@ def read_instances(path: Path) -> list[Instance]:
     except (OSError, csv.Error) as error:
         raise UserError(f"{path}: not a readable table ({error}).") from error
     if missing := [column for column in _COLUMNS if column not in columns]:
-        raise UserError(
-            f"{path}: has no column {missing[0]!r}; it needs {', '.join(_COLUMNS)}, separated by tabs."
-        )
+        raise UserError(f"{path}: has no column {missing[0]!r} of {', '.join(_COLUMNS)}, separated by tabs.")
     instances, line_of = [], {}
     for number, line in enumerate(lines, start=2):
         where, cells = f"{path}: line {number}", {"instance_type": "object"}

@@ -63,9 +63,7 @@ def split_frames(
         sixth = min(_AUTO_EVALUATION_FRAMES, max(1, count // _FRAMES_PER_EVALUATION_FRAME))
         evaluation = len(labeled) if labeled is not None else sixth if annotated else 0
     if labeled is not None and evaluation > len(labeled):
-        raise UserError(
-            f"frames.evaluation_frames: {evaluation}, but the recording labels {len(labeled)}; set auto."
-        )
+        raise UserError(f"frames.evaluation_frames: {evaluation}, but {len(labeled)} are labeled; set auto.")
     remaining = count - evaluation if options.holdout else count
     if evaluation > count or remaining < _MIN_TRAINING_FRAMES:
         raise UserError(

@@ -56,9 +56,7 @@ def open_video(path: Path) -> Video:
         letters = code.decode("ascii", "replace")
         codec = f", codec {letters}" if letters.isprintable() else ""
         # ffmpeg also repairs what it can.
-        raise UserError(
-            f"{path}: no frame can be decoded{codec}{_reason(messages)}. {convert} {path.stem}_h264.mp4"
-        )
+        raise UserError(f"{path}: no frame decodes{codec}{_reason(messages)}. {convert} {path.stem}_h264.mp4")
     num, den = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
     if num != den and min(num, den) > 0:
         square = f"-vf scale=iw*sar:ih,setsar=1 {path.stem}_square.mp4"
