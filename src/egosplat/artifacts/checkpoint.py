@@ -37,13 +37,8 @@ class Checkpoint:
     """The checkpoint of the artifact at ``output``."""
 
     def __init__(self, output: Path, key: str, every_s: float | None = None, part: str = "") -> None:
-        """Set up, without reading or writing.
-
-        Args:
-            key: hash of all that decides the result (``provenance.key_of``).
-            every_s: time between checkpoints [s].
-            part: of the stage, if it has several checkpoints.
-        """
+        """Set up, without reading or writing; ``key`` as of ``provenance.key_of``, ``part`` of a stage with several
+        checkpoints."""
         # Next to the output and not in it, because the workflow deletes outputs before it makes them.
         self._folder = output.parent / f".{output.name}.checkpoint"
         self.file = self._folder / part / "state"
@@ -105,10 +100,8 @@ def write_state(file: Path, key: str, state: State) -> None:
 
 
 class Work:
-    """The work of a stage that treats frames apart: of one job, or of a job for each chunk and one that gathers.
-
-    A killed job resumes. ``costs`` are time and memory of the jobs whose results are gathered.
-    """
+    """The work of a stage that treats frames apart: of one job, or of a job for each chunk and one that gathers; a killed job
+    resumes. ``costs`` are time and memory of the jobs whose results are gathered."""
 
     def __init__(
         self,
@@ -119,12 +112,10 @@ class Work:
         gather: Sequence[Path] = (),
         more: Mapping[str, Any] | None = None,
     ) -> None:
-        """Set up for a recording of a number of frames; UserError if it has no such chunk.
+        """Set up for a recording of a number of frames (UserError: it has no such chunk); ``made`` and ``more`` as in
+        ``key_of``.
 
-        Args:
-            made: what decides the results, with ``more``; see ``provenance.key_of``.
-            chunk: number from 1 of the chunk to work on, whose results are the output; None for all.
-            gather: outputs of the jobs of all chunks, in order, instead of any work.
+        The output are the results of a ``chunk``, from 1, if one is given; to ``gather`` are outputs of all chunks, in order.
         """
         self._chunks = split_frames(frames)
         if chunk is not None and chunk > len(self._chunks):
@@ -143,13 +134,8 @@ class Work:
     ) -> list[Any] | None:
         """Do the work; None if it is that of a chunk, whose results are written.
 
-        Args:
-            plan: gets chunks of frames, and returns the units of work on them.
-            do: gets units, and yields the result of each: tensors, numbers, texts, and lists and dictionaries of them.
-            what, unit: as in ``track``.
-
-        Raises:
-            UserError: what is to be gathered is damaged, of another run, or not all of it.
+        ``plan`` makes units of chunks of frames, and ``do`` yields the result of each, a value of a ``State``; the others as in
+        ``track``. UserError: what is gathered is damaged, of another run, or not all of it.
         """
         if self._gather:
             return self._gathered()

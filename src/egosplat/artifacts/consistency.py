@@ -13,12 +13,9 @@ from egosplat.pipeline.survey_file import frames_of_gaussians, read_survey
 
 
 def check_made_from(made: Artifact, *sources: Artifact, axes: Sequence[str] = ()) -> None:
-    """Check that an artifact was made from ``sources``; UserError if a digest or a size differs.
+    """Check that an artifact was made from ``sources``; UserError if a digest, or the size of one of the ``axes``, differs.
 
-    Args:
-        made: the artifact. Sources whose file name its provenance does not record are compared by ``axes`` alone.
-        sources: what it is used with.
-        axes: names of axes, as the schemas declare them, that have one size in ``made`` and in every source.
+    Sources whose file name its provenance does not record are compared by ``axes`` alone.
     """
     inputs = made.provenance["inputs"]
     for source in sources:
@@ -54,14 +51,13 @@ def kept_frames(
     They are those that add views. Gaussians of a static scene without masks take every frame: ``masking``, the value of
     ``splats.masking``, asks for theirs. UserError if the survey cannot be read, or is of other frames.
     """
-    chosen = None
-    if survey_path is not None:
-        survey = read_survey(survey_path)
-        check_inputs(survey_path, survey["provenance"]["inputs"], [frames])
-        views = survey["views"]["kept"], survey["views"]["digest"]
-        chosen = views if masking is None else frames_of_gaussians(survey, masking)
-    kept = np.full(frames.shape("rgb")[0], chosen is None)
-    if chosen is None:
-        return kept, {}
+    kept = np.zeros(frames.shape("rgb")[0], bool)
+    if survey_path is None:
+        return ~kept, {}
+    survey = read_survey(survey_path)
+    check_inputs(survey_path, survey["provenance"]["inputs"], [frames])
+    views = survey["views"]["kept"], survey["views"]["digest"]
+    if (chosen := views if masking is None else frames_of_gaussians(survey, masking)) is None:
+        return ~kept, {}
     kept[chosen[0]] = True
     return kept, {"kept_frames": chosen[1]}

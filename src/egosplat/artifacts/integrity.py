@@ -48,7 +48,7 @@ def check_replaceable(path: Path, schema: Schema) -> None:
     if kind is None:
         raise ArtifactError(f"{path}: is there already and is no artifact of egosplat; give another --output")
     if kind != schema.name:
-        advice = f"give another --output, or remove it first: {_removal(path)}"
+        advice = f"give another --output, or remove it first: rm -r {shlex.quote(str(path))}"
         raise ArtifactError(f"{path}: is there already and holds {kind!r}; {advice}")
 
 
@@ -66,26 +66,18 @@ def _kind(metadata: Path) -> str | None:
 def damaged(path: Path, what: str) -> ArtifactError:
     """The error for a damaged artifact, or for something else in its place."""
     # A message must not tell a user to remove what egosplat did not write, by its metadata or its place.
-    if _is_result(path) or _kind(path / "zarr.json") is not None:
+    if _RESULT.search(path.as_posix()) or _kind(path / "zarr.json") is not None:
         return ArtifactError(f"{path}: {what}. It is damaged. Rebuild it: {rebuild_command(path)}")
     return ArtifactError(f"{path}: {what}. {_ADVICE}")
 
 
 def absent(path: Path) -> ArtifactError:
     """The error for an artifact that is not there."""
-    advice = f"Make it: {make_command(path)}" if _is_result(path) else _ADVICE
+    advice = f"Make it: {make_command(path)}" if _RESULT.search(path.as_posix()) else _ADVICE
     return ArtifactError(f"{path}: does not exist. {advice}")
 
 
 def rebuild_command(path: Path) -> str:
     """The shell commands that remove and rebuild a result. Outside the workflow's folders, only the removal is known."""
-    return f"{_removal(path)}{' &&' if _is_result(path) else ', then'} {make_command(path)}"
-
-
-def _removal(path: Path) -> str:
-    return f"rm -r {shlex.quote(str(path))}"
-
-
-def _is_result(path: Path) -> bool:
-    """Whether a path is where the workflow puts a result."""
-    return bool(_RESULT.search(path.as_posix()))
+    then = " &&" if _RESULT.search(path.as_posix()) else ", then"
+    return f"rm -r {shlex.quote(str(path))}{then} {make_command(path)}"

@@ -4,7 +4,6 @@ import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from egosplat.artifacts.consistency import check_made_from, made_from_another
 from egosplat.artifacts.integrity import rebuild_command
@@ -20,12 +19,8 @@ DOCUMENTS = {"metrics.json": "metrics", "survey.json": "survey"}
 
 @dataclass(frozen=True)
 class Lineage:
-    """Artifacts with everything that they were made from.
-
-    Attributes:
-        found: the artifacts by file name, sorted.
-        lost: sorted file names of inputs that are absent, or that only differ in digest from one that is there.
-    """
+    """Artifacts with everything that they were made from, by sorted file name; and those of inputs that are absent, or that
+    only differ in digest from one that is there."""
 
     found: Mapping[str, Artifact]
     lost: tuple[str, ...]
@@ -89,12 +84,10 @@ def open_histories(folder: Path, splats: Artifact) -> Artifact | None:
 
 
 def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
-    """Verify ``*.zarr`` and files of ``DOCUMENTS`` at or below a folder: the problem of each, empty if it is sound.
+    """Verify ``*.zarr`` and ``DOCUMENTS`` at or below a folder: the problem of each, empty if it is sound (UserError: there is
+    none).
 
     Bytes match the digest, a JSON file its schema, and an input in the same folder the digest of the provenance.
-
-    Raises:
-        UserError: the folder holds no artifact.
     """
     paths = [folder] if _is_result(folder) else sorted(filter(_is_result, folder.rglob("*")))
     if not paths:
@@ -112,7 +105,12 @@ def _is_result(path: Path) -> bool:
 
 def _problem(path: Path) -> str:
     try:
-        inputs = _provenance(path)["inputs"]
+        if path.suffix == ".zarr":
+            inputs = verify(path, SCHEMAS).provenance["inputs"]
+        elif path.is_file():
+            inputs = read_document(path, DOCUMENTS[path.name])["provenance"]["inputs"]
+        else:
+            return f"{path}: is no regular file. Rebuild it: {rebuild_command(path)}"
     except (UserError, OSError) as error:
         return user_message(error) or f"{path}: {error}"
     for name, digest in inputs.items():
@@ -121,12 +119,3 @@ def _problem(path: Path) -> str:
             if recorded_digest(path.parent / name) != digest:
                 return str(made_from_another(path, path.parent / name))
     return ""
-
-
-def _provenance(path: Path) -> dict[str, Any]:
-    """Provenance of an artifact or JSON file after its verification."""
-    if path.suffix == ".zarr":
-        return verify(path, SCHEMAS).provenance
-    if not path.is_file():
-        raise UserError(f"{path}: is no regular file. Rebuild it: {rebuild_command(path)}")
-    return read_document(path, DOCUMENTS[path.name])["provenance"]

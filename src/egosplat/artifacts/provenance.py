@@ -26,15 +26,11 @@ _CLOCKS = ("started", "started_cpu", "gathered")
 
 @dataclass(frozen=True)
 class Provenance:
-    """How an artifact is made.
+    """How an artifact is made, by which ``options``; ``origin`` is ``synthetic`` if any input is, else ``real``.
 
     Attributes:
-        options: its configuration keys with their values.
-        origin: ``synthetic`` if any input is synthetic, else ``real``.
-        inputs: digest of each input artifact, by file name.
-        models: hash of each model, by the configuration key of its checkpoint.
+        inputs, models: digest of each input by file name, and hash of each model by the key of its checkpoint.
         code: content hash of the code that the stage executes.
-        versions: versions of egosplat, Python and the libraries of the stage.
         created: UTC time at the start of the stage.
         started, started_cpu: monotonic clock, and processor time of the process, at the start [s].
         gathered: costs of the jobs whose results the stage gathers.
@@ -94,10 +90,8 @@ def begin(
     models: Mapping[str, str] | None = None,
     chosen: str | None = None,
 ) -> Provenance:
-    """Start the provenance of an artifact, and its clocks; arguments as the attributes of ``Provenance``.
-
-    ``chosen`` is the value by which the stage chooses its module, if it chooses one.
-    """
+    """Start a ``Provenance`` and its clocks; ``chosen`` is the value by which the stage chooses its module, if it chooses
+    one."""
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
     return Provenance(
         stage=stage,

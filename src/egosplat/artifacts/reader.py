@@ -32,13 +32,10 @@ class _Attributes(dict[str, Any]):
 
 
 class Artifact:
-    """A checked, read-only artifact; made by ``open_artifact`` or ``open_any``.
+    """A checked, read-only artifact, made by ``open_artifact`` or ``open_any``.
 
-    Attributes:
-        facts: small results that are not arrays.
-        digest: SHA-256 over the stored arrays.
-        provenance: stage, options, inputs, versions, origin, time and memory of its making.
-        origin: ``real`` or ``synthetic``.
+    ``facts`` are small results that are not arrays; ``digest`` is SHA-256 over the arrays; ``origin`` is ``real`` or
+    ``synthetic``.
     """
 
     def __init__(self, path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> None:
@@ -47,7 +44,11 @@ class Artifact:
         self.digest: str = attributes["digest"]
         self.provenance: dict[str, Any] = attributes["provenance"]
         self.origin: str = self.provenance["origin"]
-        self._sizes = sizes_of(_check_arrays(path, schema, group), self.facts)
+        sizes: dict[str, int] = {}
+        for name, declared in schema.fields.items():
+            if not declared.optional or name in group:
+                _check_array(path, group, name, declared, sizes)
+        self._sizes = sizes_of(sizes, self.facts)
 
     @property
     def arrays(self) -> list[str]:
@@ -73,21 +74,16 @@ class Artifact:
         if array.nchunks == 1:
             return self._checked(array, name, slice(0, array.shape[0]))
         values = np.empty(array.shape, array.dtype)
-        for start, chunk in self._chunks(name):
+        for start, chunk in self.chunks(name):
             values[start : start + len(chunk)] = chunk
         return values
-
-    def check(self, name: str) -> None:
-        """Read an array chunk by chunk and keep nothing. Raises as ``read``."""
-        for _ in self._chunks(name):
-            pass
 
     def row(self, name: str, index: int) -> NDArray[Any]:
         """Read one index of the first axis. Raises as ``read``."""
         return self._checked(self._array(name), name, index)
 
-    def _chunks(self, name: str) -> Iterator[tuple[int, NDArray[Any]]]:
-        """First row and values of each chunk, so that an error names the damaged one."""
+    def chunks(self, name: str) -> Iterator[tuple[int, NDArray[Any]]]:
+        """Read first row and values of each chunk, so that an error names the damaged one. Raises as ``read``."""
         array = self._array(name)
         # A matrix or vector of fixed size has one chunk.
         for start in range(0, array.shape[0] if array.size else 0, array.chunks[0]):
@@ -142,7 +138,8 @@ def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
     for name in artifact.arrays:  # raises with the name of the damaged chunk
         declared = artifact.schema.fields[name]
         if changed or declared.values.limits(declared.dtype):
-            artifact.check(name)
+            for _ in artifact.chunks(name):
+                pass
     if changed:
         raise damaged(path, "its files are not those that were written (digest differs)")
     return artifact
@@ -179,15 +176,6 @@ def _of_version(path: Path, schema: Schema, group: zarr.Group, attributes: dict[
         told = f"has format version {version}, this is version {schema.version}. {hint}."
         raise ArtifactError(f"{path}: {told}")
     return Artifact(path, schema, group, attributes)
-
-
-def _check_arrays(path: Path, schema: Schema, group: zarr.Group) -> dict[str, int]:
-    """Check the layout of all arrays; return the size of each axis."""
-    sizes: dict[str, int] = {}
-    for name, declared in schema.fields.items():
-        if not declared.optional or name in group:
-            _check_array(path, group, name, declared, sizes)
-    return sizes
 
 
 def _check_array(path: Path, group: zarr.Group, name: str, declared: Field, sizes: dict[str, int]) -> None:

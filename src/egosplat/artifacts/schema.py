@@ -18,11 +18,9 @@ _LARGEST = sys.float_info.max
 
 @dataclass(frozen=True)
 class Values:
-    """The numbers that an array may hold. By default they are finite.
+    """The numbers that an array may hold: from ``least`` to ``most``, finite by default, and ``nan`` for what is not known.
 
     Attributes:
-        least, most: limits, inclusive.
-        nan: whether NaN is allowed, for what is not known.
         below: the numbers are indices along this axis of the artifact, or of this fact, which is a list.
         form: what the last axes are together, in words, and its test: array -> (...) bool.
     """
@@ -72,14 +70,6 @@ def _is_pinhole(matrix: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray((matrix == expected).all() and min(fx, fy) > 0)
 
 
-def _is_rigid_or_nan(poses: NDArray[Any]) -> NDArray[np.bool_]:
-    return is_rigid(poses) | np.isnan(poses).all(axis=(-1, -2))
-
-
-def _is_unit(vectors: NDArray[Any]) -> NDArray[np.bool_]:
-    return np.abs(np.linalg.norm(vectors, axis=-1) - 1.0) <= 1e-6
-
-
 FINITE, SHARE = Values(), Values(least=0, most=1)
 # For features that the next stage skips with a warning, losses of skipped steps, and the PSNR of equal pictures.
 ANY = Values(least=-np.inf, most=np.inf, nan=True)
@@ -94,23 +84,24 @@ _KINDS = {
     "share or nan": Values(least=0, most=1, nan=True),
     "scale or nan": Values(least=0, nan=True),
     "pinhole": Values(form=("a pinhole matrix with positive focal lengths", _is_pinhole)),
-    "poses or nan": Values(nan=True, form=("rigid motions, or NaN throughout", _is_rigid_or_nan)),
-    "unit vector": Values(form=("a unit vector", _is_unit)),
+    "poses or nan": Values(
+        nan=True,
+        form=("rigid motions, or NaN throughout", lambda each: is_rigid(each) | np.isnan(each).all((-1, -2))),
+    ),
+    "unit vector": Values(
+        form=("a unit vector", lambda each: abs(np.linalg.norm(each, axis=-1) - 1.0) <= 1e-6)
+    ),
 }
 
 
 @dataclass(frozen=True)
 class Field:
-    """One array of an artifact.
+    """One array of an artifact, which may lack it if it is ``optional``.
 
     Attributes:
-        array: NumPy's name of the element type, then the name of each axis, or its fixed size, as in ``float64 frame 4 4``.
-            Axes with the same name have the same size within an artifact.
+        array: element type, then name or fixed size of each axis, as in ``float64 frame 4 4``; axes of one name have one size.
         unit: physical unit, or what the numbers count.
-        values: the numbers that it may hold.
-        by_row: number of rows (indices of the first axis) in a chunk: 1 for arrays that are read frame by frame, a number
-            that gives chunks of a few MB for many short rows, 0 for all rows.
-        optional: whether an artifact may lack it.
+        by_row: rows in a chunk: 1 for arrays that are read frame by frame, more for many short rows, 0 for all rows.
     """
 
     array: str

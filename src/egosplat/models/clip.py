@@ -9,13 +9,8 @@ from egosplat.compute import Compute
 
 @dataclass(frozen=True)
 class Preprocessing:
-    """The input format of an OpenCLIP image encoder.
-
-    Attributes:
-        image_size: height and width [px].
-        mean, std: of each channel (R, G, B), for values from 0 to 1.
-        interpolation: of the resizing, ``bicubic`` or ``bilinear``.
-    """
+    """The input of an OpenCLIP image encoder: height and width [px]; ``mean`` and ``std`` of R, G and B, for values from 0 to
+    1; and the ``interpolation`` of resizing, ``bicubic`` or ``bilinear``."""
 
     image_size: tuple[int, int]
     mean: tuple[float, float, float]

@@ -20,14 +20,8 @@ _SMALL_FILES = {f"models.{model.checkpoint_key}": model.small for model in (SAM2
 
 @dataclass(frozen=True)
 class Needed:
-    """A file with weights.
-
-    Attributes:
-        key: the configuration key that names it; empty for one that only the catalogue has.
-        name: the model in a few words.
-        license: None if it is not known.
-        published: its entry of the catalogue; None for other files.
-    """
+    """A file with weights: its key, empty if only the catalogue has it; the model in a few words; its license, if it is known;
+    and its entry of the catalogue."""
 
     key: str
     path: Path
@@ -106,17 +100,19 @@ def _entry(file: Needed) -> str:
         rows["its SHA-256"] = digest
     if digest and not model:
         rows["size"] = f"{file.path.stat().st_size / 1e6:,.1f} MB"
-    head = f"{file.key}: {file.name}" if file.key else file.name
-    return "\n".join([head, *(f"  {what:<13}{text}" for what, text in rows.items())])
+    return "\n".join(
+        [
+            f"{file.key}: {file.name}".removeprefix(": "),
+            *(f"  {what:<13}{text}" for what, text in rows.items()),
+        ]
+    )
 
 
 def download(files: Sequence[Needed]) -> list[str]:
-    """Fetch what is missing of published checkpoints, and verify what is there; a line for each file.
+    """Fetch what is missing of published checkpoints, through the cache of ``huggingface_hub``, and verify what is there.
 
-    Files come through the cache of ``huggingface_hub``, which resumes. Proxies are those of the environment.
-
-    Raises:
-        UserError: a file cannot be fetched, or is not the published one; with the addresses and places of all that are missing.
+    Returns a line for each file (UserError: one cannot be fetched, with the addresses of all that are missing, or is another
+    one).
     """
     missing = [file for file in files if file.missing]
     by_hand = [f"{file.published.address} -> {file.path}" for file in missing if file.published]

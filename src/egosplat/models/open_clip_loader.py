@@ -33,15 +33,12 @@ _INTERPOLATIONS = ("bicubic", "bilinear")
 
 
 def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
-    """Build an OpenCLIP model and load a checkpoint into it, without downloads.
-
-    Args:
-        model, checkpoint, device, precision: the keys ``clip_model``, ``clip_checkpoint``, ``device`` and
-            ``precision`` of the configuration's section ``models``.
+    """Build an OpenCLIP model and load a checkpoint into it, by keys of the configuration's section ``models``, without
+    downloads.
 
     Raises:
-        UserError: a file is missing or damaged, or the files do not match; a part of the model would have to be
-            downloaded; the device is missing.
+        UserError: a file or the device is missing, a file is damaged, files do not match, or a part would have to be
+        downloaded.
     """
     if model == checkpoint == PHOTOS:
         from egosplat.models.photo_words import load_photo_words
@@ -84,11 +81,8 @@ def load_clip_of(features: Artifact, model: str, checkpoint: str, device: str, p
 
 
 def read_description(model: str, folder: Path | None) -> dict[str, Any]:
-    """Read ``model_cfg``, and ``preprocess_cfg`` if present, from a folder, or from open_clip if folder is None.
-
-    Raises:
-        UserError: the folder's ``open_clip_config.json`` is damaged, or the model needs the Hugging Face hub.
-    """
+    """Read ``model_cfg``, and ``preprocess_cfg`` if present, from a folder, or from open_clip without one (UserError: the
+    folder's ``open_clip_config.json`` is damaged, or the model needs the Hugging Face hub)."""
     if folder is None:
         with without_compiler():
             from open_clip import get_model_config

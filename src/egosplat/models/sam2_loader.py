@@ -37,13 +37,8 @@ _NO_DESCRIPTION = (AttributeError, KeyError, OSError, RecursionError, TypeError,
 
 @dataclass(frozen=True)
 class Sam2:
-    """SAM2 with its weights.
-
-    Attributes:
-        video_predictor: tracks objects through a video. Its ``image_size`` is the side of the square to which
-            every image is resized [px].
-        compute: device and precision; run the model within ``compute.inference()``.
-    """
+    """SAM2 with its weights, to run within ``compute.inference()``; ``video_predictor.image_size`` is the side of the square to
+    which every image is resized [px]."""
 
     video_predictor: "VideoPredictor"
     compute: Compute
@@ -62,15 +57,10 @@ class Sam2:
 def load_sam2(
     config: str, checkpoint: str, device: str, precision: str, image_size: int | None = None
 ) -> Sam2:
-    """Build SAM2 and load a checkpoint into it, without downloads.
+    """Build SAM2 and load a checkpoint into it, by keys of the configuration's section ``models``, without downloads.
 
-    Args:
-        config, checkpoint, device, precision: the keys ``sam2_config``, ``sam2_checkpoint``, ``device`` and
-            ``precision`` of the configuration's section ``models``.
-        image_size: see ``set_image_size``; None keeps the configuration's.
-
-    Raises:
-        UserError: a file is missing or damaged, or the files do not match; the device is missing.
+    ``image_size`` is as in ``set_image_size``; None keeps the configuration's. UserError: a file or the device is missing, a
+    file is damaged, or the files do not match.
     """
     compute = choose_compute(device, precision)
     file, path = sam2_config_file(config), find_checkpoint(SAM2, checkpoint)

@@ -14,13 +14,8 @@ BRIEF = "trained on synthetic apartments only"
 
 
 def notice(origin: str, checkpoints: Mapping[str, str], *, aria: bool = False) -> str | None:
-    """One line of warning and advice if the models do not suit a real recording; else None.
-
-    Args:
-        origin: of the recording, ``real`` or ``synthetic``.
-        checkpoints: by key of the configuration's section ``models``, its value.
-        aria: whether Aria glasses filmed it.
-    """
+    """One line of warning and advice if checkpoints, by key of the configuration's section ``models``, do not suit a recording
+    of an ``origin``, ``real`` or ``synthetic``, which Aria glasses may have filmed; else None."""
     if origin != "real":
         return None
     if PHOTOS in checkpoints.values():

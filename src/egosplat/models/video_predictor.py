@@ -13,24 +13,20 @@ FILLED = 0.1
 
 
 def fill_holes(scores: Tensor, max_area: int) -> Tensor:
-    """Fill holes of masks: 8-connected components outside of the mask, up to an area [px].
+    """Fill holes of masks, 8-connected components outside of them up to an area [px], in their (..., H, W) scores above 0
+    inside.
 
     SAM2 does this in its compiled extension, and skips it with a warning if that is missing.
-
-    Args:
-        scores: (..., H, W) floating-point scores, above 0 inside the mask; returned are such, too.
     """
     outside = (scores <= 0).to("cpu", torch.uint8).reshape(-1, *scores.shape[-2:]).numpy()
-    holes = np.stack([_small_parts(mask, max_area) for mask in outside]) if len(outside) else outside > 0
+    holes = np.zeros(outside.shape, bool)
+    for mask, hole in zip(outside, holes, strict=True):
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
+        small = np.asarray(stats)[:, cv2.CC_STAT_AREA] <= max_area
+        small[0] = False  # label 0 is the mask itself
+        hole[:] = small[np.asarray(labels, np.int32)]
     filled = torch.from_numpy(holes).reshape(scores.shape).to(scores.device)
     return torch.where(filled, torch.as_tensor(FILLED, dtype=scores.dtype, device=scores.device), scores)
-
-
-def _small_parts(mask: np.ndarray, max_area: int) -> np.ndarray:
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8)
-    small = np.asarray(stats)[:, cv2.CC_STAT_AREA] <= max_area
-    small[0] = False  # label 0 is the mask itself
-    return small[np.asarray(labels, np.int32)]
 
 
 class VideoPredictor(SAM2VideoPredictor):

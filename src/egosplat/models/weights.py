@@ -58,15 +58,11 @@ class NothingDrawn(TorchFunctionMode):
 
 
 def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, model: ModelSpec) -> None:
-    """Give a module a checkpoint's tensors, in the module's dtype and on its device.
-
-    Args:
-        module: changed in place; every tensor of it is set. It shares memory with those that need no conversion.
-        path: of the checkpoint, for messages.
+    """Set all tensors of a module, in its dtype and on its device, to those of the checkpoint at ``path``; it shares their
+    memory.
 
     Raises:
-        UserError: tensors are missing, unexpected or of another shape, as in a checkpoint of another architecture, or
-            hold NaN, infinity or whole numbers.
+        UserError: tensors are missing, unexpected or of another shape, or hold NaN, infinity or whole numbers.
     """
     own = module.state_dict()
     if differences := _differences(own, tensors):
@@ -103,10 +99,8 @@ def _differences(own: Mapping[str, Tensor], given: Mapping[str, Tensor]) -> str:
 
 
 def read_tensors(path: Path) -> dict[str, Tensor]:
-    """Read the tensors of a checkpoint by name, on the CPU, in their stored dtype.
-
-    Args:
-        path: a ``.safetensors`` file, or a ``.pt``, ``.pth`` or ``.bin`` file of torch.
+    """Read the tensors of a checkpoint, a ``.safetensors``, ``.pt``, ``.pth`` or ``.bin`` file, by name, on the CPU, in their
+    dtype.
 
     Raises:
         UserError: the file has another suffix, is damaged, or holds anything but tensors.
