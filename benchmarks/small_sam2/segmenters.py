@@ -13,8 +13,7 @@ from PIL import Image
 
 from benchmarks.small_sam2.worlds import Film, Masks, Still
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments.classical import LEAST_SUPPORT, PURITY, find_origins
-from egosplat.segments.partition import partition, reduce_image
+from egosplat.segments.classical import LEAST_SUPPORT, PURITY, find_origins, partition, reduce_image
 
 if TYPE_CHECKING:
     from sam2.sam2_image_predictor import SAM2ImagePredictor

@@ -4,10 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat.segments import partition as module
+from egosplat.segments import classical
 from egosplat.segments.classical import find_origins, open_tracks, propagate, segment_video
 from egosplat.segments.options import LEVELS
-from egosplat.segments.partition import partition, reduce_image
 from egosplat.segments.video import Video
 
 SIDE = 128
@@ -15,7 +14,8 @@ SIDE = 128
 
 def segment(image: np.ndarray, shown: np.ndarray | None = None) -> np.ndarray:
     """The (3, H, W) regions of the levels subpart, part and whole."""
-    return partition(reduce_image(image, np.ones(image.shape[:2], bool) if shown is None else shown))[1:]
+    every = np.ones(image.shape[:2], bool)
+    return classical.partition(classical.reduce_image(image, every if shown is None else shown))[1:]
 
 
 def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -94,8 +94,8 @@ def test_small_and_thin_regions_are_merged_into_similar_neighbors(monkeypatch):
     image[:, 30] = (180, 60, 60)
     found = []
     for area, width in ((1e-4, 0.0), (1e-3, 9.0)):
-        monkeypatch.setattr(module, "LEAST_AREA", area)
-        monkeypatch.setattr(module, "_LEAST_WIDTH", width)
+        monkeypatch.setattr(classical, "_LEAST_AREA", area)
+        monkeypatch.setattr(classical, "_LEAST_WIDTH", width)
         found.append(segment(image)[0])
     kept, cleaned = found
     assert len(np.unique(cleaned)) <= 3 < len(np.unique(kept))
@@ -175,9 +175,9 @@ def test_pictures_larger_than_the_flow_are_tracked_alike(monkeypatch):
         ]
         for column in (20, 26)
     )
-    fine = partition(reduce_image(after, np.ones((512, 512), bool)))[0]
-    monkeypatch.setattr("egosplat.segments.partition._SIDE", 128)
-    images = (reduce_image(image, fine >= 0) for image in (before, after))
+    fine = classical.partition(classical.reduce_image(after, np.ones((512, 512), bool)))[0]
+    monkeypatch.setattr("egosplat.segments.classical._SIDE", 128)
+    images = (classical.reduce_image(image, fine >= 0) for image in (before, after))
     labels = propagate(mask.astype(np.int32), *find_origins(*images), fine)
     assert iou(labels == 1, moved > 0) > 0.9
 
