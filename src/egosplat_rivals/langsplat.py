@@ -4,11 +4,10 @@ import torch
 from torch import Tensor, nn
 
 from egosplat.artifacts.checkpoint import Checkpoint
-from egosplat.language.joint import code_l1
 from egosplat.language.lifting import shares
 from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.targets import CodeTargets
+from egosplat.language.targets import CodeTargets, code_l1
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import composite
 from egosplat_rivals.loop import Step, Trainee, adam, fewer_iterations, train

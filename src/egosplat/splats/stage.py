@@ -47,8 +47,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
 from egosplat.gaussians.trainer import Curves, TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import Mask, Masking, Views, open_masking, read_views, split_views
-from egosplat.language.joint import JointLanguage
-from egosplat.language.targets import CodeTargets
+from egosplat.language.targets import CodeTargets, JointLanguage
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
 from egosplat.splats.imported import import_gaussians

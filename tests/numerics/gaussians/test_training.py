@@ -14,8 +14,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import LearningRates
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import pixel_weight
-from egosplat.language.joint import code_l1
-from egosplat.language.targets import Targets
+from egosplat.language.targets import Targets, code_l1
 from egosplat.splats import stage
 
 FRAMES, SIZE = 7, 20

@@ -5,9 +5,8 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
-from egosplat.language.joint import code_l1
 from egosplat.language.options import LanguageOptions
-from egosplat.language.targets import Targets
+from egosplat.language.targets import Targets, code_l1
 from egosplat_rivals.langsplat import PlainCodes, codes_to_render
 from egosplat_rivals.loop import train
 

@@ -50,11 +50,9 @@ def test_no_import_leads_to_the_modules_of_other_values(stage, value):
     """Protects that a constant of one method or format makes no scene stale that uses another."""
     others = {*CHOICES[stage].values()} - {CHOICES[stage][value]}
     reached = {*modules_of(STAGES[stage].module, CHOICES[stage][value])}
-    # LangSplat's codes are trained as joint ones are, Splat Feature Solver scales its codes as LangSplat does, and benchmarks are
-    # read as plain pictures are.
-    joint, pictures = {"egosplat.language.joint"}, {"egosplat.frames.pictures"}
-    shared = {"trained": joint, "clustered": joint | {"egosplat_rivals.langsplat"}}
-    shared |= {"lerf": pictures, "3d_ovs": pictures}
+    # Splat Feature Solver scales its codes as LangSplat does, and benchmarks are read as plain pictures are.
+    pictures = {"egosplat.frames.pictures"}
+    shared = {"clustered": {"egosplat_rivals.langsplat"}, "lerf": pictures, "3d_ovs": pictures}
     assert reached & others <= shared.get(value, set())
 
 
