@@ -78,14 +78,6 @@ def test_loss_of_equal_pictures(measured, noise):
     measured(float(gradient.norm()))
 
 
-@pytest.mark.numerics("loss: pictures of 1x1 px and of 1x40 px", within=1e-5)
-@pytest.mark.parametrize("shape", [(1, 1), (1, 40), (40, 1)])
-def test_loss_of_few_pixels(measured, shape):
-    render, target = torch.rand(2, *shape, 3, generator=torch.Generator().manual_seed(0))
-    for error in errors(render, target, None):
-        measured(error)
-
-
 @pytest.mark.numerics(
     "loss: NaN, infinity and 1e9 in render, photograph or weight",
     within=1e-6,

@@ -10,9 +10,10 @@ import torch
 from torch import Tensor
 
 from egosplat.rasterize import cpu
-from egosplat.rasterize.contract import ALPHA_THRESHOLD, MAX_ALPHA, MIN_TRANSMITTANCE, Arguments
+from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.reference import rasterizer as reference
+from tests.support.undecided import undecided
 
 WIDTH, HEIGHT = 32, 24
 SHAPE = ("means", "quats", "scales", "opacities", "colors")
@@ -109,10 +110,11 @@ def compare() -> Callable[..., Compared]:
     def both(
         values: dict[str, Tensor], width: int = WIDTH, height: int = HEIGHT, **options: object
     ) -> Compared:
-        with torch.no_grad():
-            decided = _decided(_forward(reference, values, torch.float64, width, height, options)[1])
+        options |= {"width": width, "height": height}
+        doubles = {name: value.detach().double() for name, value in values.items()}
+        decided = ~undecided(_forward(reference, doubles, options)[1])[0]
         found, truth = (
-            _rendered(backend, values, dtype, decided, width, height, options)
+            _rendered(backend, values, dtype, decided, options)
             for backend, dtype in ((cpu, torch.float32), (reference, torch.float64))
         )
         return Compared(values, found, truth, decided)
@@ -140,63 +142,23 @@ def cloud() -> Callable[[int, int], dict[str, Tensor]]:
     return make
 
 
-@pytest.fixture(scope="session")
-def decided_of() -> Callable[[dict[str, object]], Tensor]:
-    """(H, W) bool of a reference's meta: pixels that rounding cannot change."""
-    return _decided
-
-
-@pytest.fixture(scope="session")
-def weights_of() -> Callable[[torch.Size], Tensor]:
+def weights_of(shape: torch.Size) -> Tensor:
     """Fixed random float64 weights of an image, for a weighted sum to differentiate."""
-    return _weights
-
-
-def _weights(shape: torch.Size) -> Tensor:
     return torch.randn(shape, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
 
 
 def _rendered(
-    backend: ModuleType,
-    values: dict[str, Tensor],
-    dtype: torch.dtype,
-    decided: Tensor,
-    width: int,
-    height: int,
-    options: dict[str, object],
+    backend: ModuleType, values: dict[str, Tensor], dtype: torch.dtype, decided: Tensor, options: dict
 ) -> Rendered:
-    leaves = {name: value.to(dtype).requires_grad_(name != "Ks") for name, value in _copied(values).items()}
-    image, meta = _forward(backend, leaves, dtype, width, height, options)
-    (image * (_weights(image.shape) * decided[..., None]).to(dtype)).sum().backward()
+    leaves = {
+        name: value.detach().clone().to(dtype).requires_grad_(name != "Ks") for name, value in values.items()
+    }
+    image, meta = _forward(backend, leaves, options)
+    (image * (weights_of(image.shape) * decided[..., None]).to(dtype)).sum().backward()
     gradients = {name: leaf.grad for name, leaf in leaves.items() if leaf.grad is not None}
     return Rendered(image.detach(), meta, gradients)
 
 
-def _copied(values: dict[str, Tensor]) -> dict[str, Tensor]:
-    return {name: value.detach().clone() for name, value in values.items()}
-
-
-def _forward(
-    backend: ModuleType,
-    values: dict[str, Tensor],
-    dtype: torch.dtype,
-    width: int,
-    height: int,
-    options: dict[str, object],
-) -> tuple[Tensor, dict[str, object]]:
-    given = {name: value.to(dtype) for name, value in values.items()}
-    image, alpha, meta = backend.rasterization(Arguments(**given, width=width, height=height, **options))
+def _forward(backend: ModuleType, values: dict[str, Tensor], options: dict) -> tuple[Tensor, dict]:
+    image, alpha, meta = backend.rasterization(Arguments(**values, **options))
     return torch.cat([image[0], alpha[0]], dim=-1), meta
-
-
-def _decided(meta: dict[str, object]) -> Tensor:
-    """(H, W) bool: pixels where no Gaussian is close enough to a threshold for rounding to decide."""
-    order = meta["depths"][0].argsort(stable=True)
-    order = order[(meta["radii"][0, order] > 0).all(dim=-1)]
-    (x, y), (xx, xy, yy) = meta["means2d"][0, order].T, meta["conics"][0, order].T
-    dx = torch.arange(meta["width"])[None, :, None] + 0.5 - x
-    dy = torch.arange(meta["height"])[:, None, None] + 0.5 - y
-    raw = meta["opacities"][0, order] * torch.exp(-0.5 * (xx * dx * dx + yy * dy * dy) - xy * dx * dy)
-    left = (1 - torch.where(raw >= ALPHA_THRESHOLD, raw.clamp(max=MAX_ALPHA), 0.0)).cumprod(dim=-1)
-    shares = (raw / ALPHA_THRESHOLD, raw / MAX_ALPHA, left / MIN_TRANSMITTANCE)
-    return ~torch.stack([(share - 1).abs() < 1e-4 for share in shares]).any(dim=0).any(dim=-1)

@@ -205,16 +205,6 @@ def test_a_scene_without_gaussians_left_is_an_error(n: int) -> None:
         step(control(), NOW, with_moments(make(n, opacity=0.004)))
 
 
-def test_a_restored_state_continues_identically() -> None:
-    density, resumed = control(), control()
-    observe(density, [1.0, 0.0, 1.0])
-    resumed.load_state_dict(density.state_dict())
-    for each in (density, resumed):
-        observe(each, [0.0, 3e-4, 0.0])
-    one, other = (step(each, NOW, with_moments(make(3))) for each in (density, resumed))
-    assert one.count == 5 and torch.equal(one.means, other.means)
-
-
 def test_a_reset_lowers_opacities_and_forgets_their_moments_alone() -> None:
     gaussians = make(3)
     gaussians.logit_opacities.detach()[:] = torch.tensor([0.9, 0.02, 0.999]).logit()

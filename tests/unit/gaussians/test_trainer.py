@@ -20,7 +20,6 @@ from egosplat.gaussians.trainer import (
 )
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
-from tests.support.gaussian_scene import Stopped, StoppingCheckpoint
 
 OPTIONS = TrainingOptions(
     render=RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto"),
@@ -86,21 +85,6 @@ def test_results_depend_on_the_seed(trained):
     first, second, other = trained(), trained(), trained(seed=4)
     assert same(first.gaussians, second.gaussians) and first.curves.loss == second.curves.loss
     assert not same(first.gaussians, other.gaussians)
-
-
-def test_a_resumed_run_equals_an_uninterrupted_one(trained, start, view_sets, tmp_path):
-    changes = {"render": replace(OPTIONS.render, background="random")}
-    unbroken = trained(view_sets, **changes)
-    with pytest.raises(Stopped):
-        trained(view_sets, StoppingCheckpoint(tmp_path, at=40), **changes)
-    checkpoint = StoppingCheckpoint(tmp_path, at=-1)
-    options = replace(OPTIONS, **changes)
-    state = TrainingState(start, options, EXTENT, L1Ssim(0.2))
-    state.load_state_dict(checkpoint.load())
-    assert state.iteration == 40 and not same(state.gaussians, unbroken.gaussians)
-    resume_and_train(state, view_sets, options, checkpoint)
-    assert same(state.gaussians, unbroken.gaussians)
-    assert state.curves.loss == unbroken.curves.loss and state.curves.psnr == unbroken.curves.psnr
 
 
 def test_every_view_comes_once_an_epoch(start):

@@ -9,12 +9,9 @@ from torch import Tensor
 from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference import rasterizer as reference
+from tests.support.undecided import undecided
 
 WIDTH, HEIGHT = 67, 51
-VALUE_TOLERANCE = 1e-5
-"""Largest absolute difference of float32 images of about unit size to those of float64."""
-GRADIENT_TOLERANCE = 1e-5
-"""Relative difference of float32 gradients to those of float64, in the L2 norm over all Gaussians."""
 
 
 def scene(seed: int, count: int = 400, cameras: int = 1, features: int = 5) -> dict[str, Tensor]:
@@ -37,45 +34,20 @@ def scene(seed: int, count: int = 400, cameras: int = 1, features: int = 5) -> d
     return {name: torch.from_numpy(np.ascontiguousarray(array)) for name, array in arrays.items()}
 
 
-def undecided(meta: dict) -> Tensor:
-    """(C, H, W) pixels where rounding may decide whether a Gaussian is composited; only there may float32 and float64 differ by much."""
-    rows, columns = torch.meshgrid(
-        torch.arange(meta["height"]) + 0.5, torch.arange(meta["width"]) + 0.5, indexing="ij"
-    )
-    masks = []
-    for camera in range(meta["n_cameras"]):
-        order = meta["depths"][camera].argsort()
-        order = order[(meta["radii"][camera, order] > 0).all(dim=-1)]
-        mean, conic = meta["means2d"][camera, order], meta["conics"][camera, order]
-        dx, dy = columns[..., None] - mean[:, 0], rows[..., None] - mean[:, 1]
-        sigma = 0.5 * (conic[:, 0] * dx * dx + conic[:, 2] * dy * dy) + conic[:, 1] * dx * dy
-        raw = meta["opacities"][camera, order] * torch.exp(-sigma)
-        alpha = torch.where(raw >= 1 / 255, raw.clamp(max=0.999), 0.0)
-        left = (1 - alpha).cumprod(dim=-1)
-        close = torch.stack([raw * 255 - 1, raw / 0.999 - 1, left / 1e-4 - 1]).abs() < 1e-4
-        masks.append(close.any(dim=-1).any(dim=0))
-    return torch.stack(masks)
-
-
-def unsure(values: dict[str, Tensor], **options) -> Tensor:
-    """(C, H, W) pixels to exclude: undecided ones, and those where the expected depth is a quotient of two tiny numbers."""
-    with torch.no_grad():
-        _, alpha, meta = reference.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, **options))
-    return undecided(meta) | (alpha[..., 0] < 0.05)
-
-
-def differentiate(backend, values: dict[str, Tensor], dtype: torch.dtype, **options) -> dict[str, Tensor]:
+def differentiate(
+    backend, values: dict[str, Tensor], dtype: torch.dtype, skip: Tensor, **options
+) -> dict[str, Tensor]:
     """Render, backpropagate a random combination of the images, and return images and all gradients."""
     values = {
         name: value.detach().clone().to(dtype).requires_grad_(name != "Ks") for name, value in values.items()
     }
-    skip = options.pop("skip", None)
     image, alpha, meta = backend.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, **options))
     meta["means2d"].retain_grad()
     generator = torch.Generator().manual_seed(7)
-    weights = [torch.randn(*part.shape, generator=generator, dtype=torch.float64) for part in (image, alpha)]
-    if skip is not None:
-        weights = [weight * ~skip[..., None] for weight in weights]
+    shapes = (image.shape, alpha.shape)
+    weights = [
+        torch.randn(*shape, generator=generator, dtype=torch.float64) * ~skip[..., None] for shape in shapes
+    ]
     sum(
         (part * weight.to(dtype)).sum() for part, weight in zip((image, alpha), weights, strict=True)
     ).backward()
@@ -83,8 +55,22 @@ def differentiate(backend, values: dict[str, Tensor], dtype: torch.dtype, **opti
     return {"image": image, "alpha": alpha, "meta": meta, "d means2d": meta["means2d"].grad} | gradients
 
 
-def relative(value: Tensor, truth: Tensor) -> float:
-    return ((value.double() - truth).norm() / truth.norm().clamp(min=1e-30)).item()
+def assert_agree(values: dict[str, Tensor], tolerance: float = 1e-5, **options: object) -> dict[str, Tensor]:
+    """The reference's results, which those of the kernels equal: images to 1e-5, gradients to a relative L2 error."""
+    with torch.no_grad():
+        _, alpha, meta = reference.rasterization(Arguments(**values, width=WIDTH, height=HEIGHT, **options))
+    # Where little is composited, the expected depth is a quotient of two tiny numbers.
+    skip = undecided(meta) | (alpha[..., 0] < 0.05)
+    truth = differentiate(reference, values, torch.float64, skip, **options)
+    found = differentiate(cpu, values, torch.float32, skip, **options)
+    assert torch.equal(found["meta"]["radii"], truth["meta"]["radii"])
+    for name in ("image", "alpha"):
+        assert found[name].shape == truth[name].shape
+        assert ((found[name] - truth[name]).abs() * ~skip[..., None]).max() < 1e-5, name
+    for name in truth.keys() - {"image", "alpha", "meta"}:
+        error = (found[name].double() - truth[name]).norm()
+        assert error <= tolerance * truth[name].norm(), name
+    return truth
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -97,34 +83,14 @@ def relative(value: Tensor, truth: Tensor) -> float:
     ids=["classic", "antialiased with depth"],
 )
 def test_cpu_kernels_agree_with_float64(seed, options):
-    values = scene(seed)
-    skip = unsure(values, **options)
-    truth = differentiate(reference, values, torch.float64, skip=skip, **options)
-    found = differentiate(cpu, values, torch.float32, skip=skip, **options)
-    assert torch.equal(found["meta"]["radii"], truth["meta"]["radii"])
-    for name in ("image", "alpha"):
-        difference = (found[name] - truth[name]).abs() * ~skip[..., None]
-        assert difference.max() < VALUE_TOLERANCE, name
-    gradients = [name for name in truth if name.startswith("d ")]
-    assert len(gradients) == 9
-    assert {name: relative(found[name], truth[name]) for name in gradients} == pytest.approx(
-        dict.fromkeys(gradients, 0.0), abs=GRADIENT_TOLERANCE
-    )
+    assert len(assert_agree(scene(seed), **options)) == 3 + 9
 
 
 @pytest.mark.parametrize("render_mode", ["RGB", "D", "ED", "RGB+D"])
 def test_two_cameras_agree_with_float64_in_every_mode(render_mode):
     values = scene(11, cameras=2) | {"colors": scene(12)["features"][:, :4]}
     values["backgrounds"] = torch.rand(2, 9, dtype=torch.float64)
-    options = {"render_mode": render_mode}
-    skip = unsure(values, **options)
-    truth = differentiate(reference, values, torch.float64, skip=skip, **options)
-    found = differentiate(cpu, values, torch.float32, skip=skip, **options)
-    assert found["image"].shape == truth["image"].shape == (2, HEIGHT, WIDTH, truth["image"].shape[-1])
-    assert ((found["image"] - truth["image"]).abs() * ~skip[..., None]).max() < VALUE_TOLERANCE
-    for name in truth:
-        if name.startswith("d ") and truth[name].abs().max() > 0:
-            assert relative(found[name], truth[name]) < 2 * GRADIENT_TOLERANCE, name
+    assert assert_agree(values, 2e-5, render_mode=render_mode)["image"].shape[:3] == (2, HEIGHT, WIDTH)
 
 
 @pytest.mark.parametrize("features", [0, 1, 10, 13, 14, 30, 61])
@@ -132,12 +98,7 @@ def test_any_number_of_channels_agrees_with_float64(features):
     values = scene(3, count=150, features=features)
     if features == 0:
         del values["features"]
-    skip = unsure(values, sh_degree=0)
-    truth = differentiate(reference, values, torch.float64, sh_degree=0, skip=skip)
-    found = differentiate(cpu, values, torch.float32, sh_degree=0, skip=skip)
-    for name in truth:
-        if name.startswith("d ") and truth[name].numel():
-            assert relative(found[name], truth[name]) < GRADIENT_TOLERANCE, name
+    assert_agree(values, sh_degree=0)
 
 
 @pytest.mark.parametrize("frozen", ["geometry", "all but means"])

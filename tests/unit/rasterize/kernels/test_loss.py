@@ -13,7 +13,7 @@ from egosplat.rasterize.kernels.loss import l1_ssim
 
 pytestmark = pytest.mark.skipif(library.why_not() is not None, reason="the kernels are not built")
 
-SIZES = [(1, 1), (5, 7), (11, 11), (16, 16), (33, 65), (70, 9), (8, 100)]
+SIZES = [(1, 1), (1, 40), (40, 1), (5, 7), (11, 11), (16, 16), (33, 65), (70, 9), (8, 100)]
 
 
 def pictures(height: int, width: int, seed: int = 0) -> tuple[Tensor, Tensor, Tensor]:
