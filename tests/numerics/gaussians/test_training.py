@@ -93,19 +93,6 @@ def test_mean_psnr(measured):
 
 
 @pytest.mark.numerics(
-    "all pixels of all frames masked, or outside the lens circle",
-    outside="UserError that names splats.masking",
-)
-@pytest.mark.parametrize("lens", [False, True])
-def test_all_masked(scene, run, left, lens):
-    changes = {"valid": np.zeros((SIZE, SIZE), bool)} if lens else {}
-    folder = scene(probability=np.full((FRAMES, SIZE, SIZE), not lens, np.float16), **changes)
-    with pytest.raises(UserError, match="training frame"):
-        run(folder, masking="initial")
-    assert not left(folder)
-
-
-@pytest.mark.numerics(
     "renders that are NaN in every iteration",
     outside="UserError after 30 iterations: training diverged, and what to change",
 )

@@ -126,15 +126,6 @@ def test_a_subnormal_quaternion(gaussian, compare, measured):
     assert optimizer.skipped_rows == 1 and torch.equal(raw.means.detach(), both.values["means"])
 
 
-@pytest.mark.numerics("a quaternion of 0 or of infinite length", outside="culled: radius 0, gradient 0")
-@pytest.mark.parametrize("length", [0.0, float("inf"), float("nan")])
-def test_invalid_quaternions_hide_the_gaussian(gaussian, compare, length):
-    both = compare(gaussian(quats=[[length, 0.0, 0.0, 0.0]]))
-    for each in (both.found, both.truth):
-        assert not each.image.any() and not each.meta["radii"].any()
-        assert not any(gradient.any() for gradient in each.gradients.values())
-
-
 @pytest.mark.numerics(
     "image and gradients: opacities of 0.004 to 1", within=2e-5, outside="alpha is at most 0.999"
 )
@@ -159,12 +150,20 @@ def test_opacity_of_one(gaussian, compare, measured):
     assert not both.found.gradients["opacities"].any() and both.found.gradients["colors"].any()
 
 
-@pytest.mark.numerics("opacities of 0, below 1/255, and negative", outside="culled: radius 0, gradient 0")
-@pytest.mark.parametrize("opacity", [0.0, 1e-38, 0.0039, -1.0])
-def test_opacities_too_small_to_be_visible(gaussian, compare, opacity):
-    both = compare(gaussian(opacities=[opacity]))
-    assert not both.found.image.any() and not both.found.meta["radii"].any()
-    assert not any(gradient.any() for gradient in both.found.gradients.values())
+@pytest.mark.numerics(
+    "a quaternion of 0 or of infinite length; opacities of 0, below 1/255, and negative",
+    outside="culled: radius 0, gradient 0",
+)
+@pytest.mark.parametrize(
+    "changes",
+    [{"quats": [[length, 0.0, 0.0, 0.0]]} for length in (0.0, float("inf"), float("nan"))]
+    + [{"opacities": [opacity]} for opacity in (0.0, 1e-38, 0.0039, -1.0)],
+)
+def test_invalid_rotations_and_small_opacities_hide_the_gaussian(gaussian, compare, changes):
+    both = compare(gaussian(**changes))
+    for each in (both.found, both.truth):
+        assert not each.image.any() and not each.meta["radii"].any()
+        assert not any(gradient.any() for gradient in each.gradients.values())
 
 
 @pytest.mark.numerics("opacities above 1", within=1e-5, outside="clamped: alpha is at most 0.999")
