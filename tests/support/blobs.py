@@ -7,6 +7,14 @@ import torch
 from egosplat.gaussians.model import Gaussians
 
 
+def crowd() -> Gaussians:
+    """300 Gaussians before and behind the camera and beside the image, some of which end pixels."""
+    generator = torch.Generator().manual_seed(3)
+    means = torch.randn(300, 3, generator=generator) + torch.tensor([0.0, 0.0, 2.5])
+    opacities = 0.05 + 0.945 * torch.rand(300, generator=generator)
+    return blobs(means.tolist(), opacities.tolist(), size=0.1)
+
+
 def blobs(means: list[list[float]], opacities: list[float], size: float = 0.3) -> Gaussians:
     """Gaussians at ``means``, with standard deviation ``size`` [m]."""
     count = len(means)

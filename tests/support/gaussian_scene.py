@@ -12,6 +12,7 @@ from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from tests.support.scenes import camera_facts, put_scene
 
@@ -71,6 +72,13 @@ def scene(tmp_path, points, camera_to_world, pictures) -> Callable[..., Path]:
         return tmp_path
 
     return make
+
+
+def views_of(pictures: np.ndarray, poses: np.ndarray, *rows: int) -> Views:
+    """Views of some frames, in memory."""
+    frame = np.array(rows, np.int64)
+    some = torch.from_numpy(pictures[frame])
+    return Views(frame, some, poses[frame], None, None, CAMERA, torch.device("cpu"))
 
 
 def with_moments(gaussians: Gaussians) -> Adam:

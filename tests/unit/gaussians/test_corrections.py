@@ -26,10 +26,9 @@ from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
-from egosplat.gaussians.training_views import Views
 from egosplat.geometry import make_pose
 from egosplat.pipeline.shared_options import CameraOptions
-from tests.support.gaussian_scene import CAMERA, Stopped, StoppingCheckpoint
+from tests.support.gaussian_scene import CAMERA, Stopped, StoppingCheckpoint, views_of
 
 OFF = CameraOptions(refine_poses="off", compensate_exposure="off")
 BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
@@ -43,12 +42,6 @@ OPTIONS = TrainingOptions(
     evaluate_every=30,
     seed=3,
 )
-
-
-def views_of(pictures: np.ndarray, poses: np.ndarray, *rows: int) -> Views:
-    frame = np.array(rows, np.int64)
-    some = torch.from_numpy(pictures[frame])
-    return Views(frame, some, poses[frame], None, None, CAMERA, torch.device("cpu"))
 
 
 def view_sets(pictures, poses) -> ViewSets:

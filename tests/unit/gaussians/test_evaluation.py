@@ -11,17 +11,14 @@ from egosplat.evaluation.evaluation_frames import region_scores
 from egosplat.gaussians.evaluation import evaluate, rendered
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
-from egosplat.geometry import Camera
+from tests.support.gaussian_scene import views_of
 
 OPTIONS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 
 
 @pytest.fixture
 def views(pictures, camera_to_world) -> Views:
-    camera = Camera(24, 24, 22.0, 22.0, 12.0, 12.0)
-    rows = np.array([2, 6])
-    device = torch.device("cpu")
-    return Views(rows, torch.from_numpy(pictures[rows]), camera_to_world[rows], None, None, camera, device)
+    return views_of(pictures, camera_to_world, 2, 6)
 
 
 def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):

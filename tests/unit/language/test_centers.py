@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.language.centers import look_at_centers, median_depths
 from egosplat.rasterize.view import View, own_weights, pixel_lists
-from tests.support.blobs import blobs
+from tests.support.blobs import blobs, crowd
 
 CAMERA = Camera(60, 40, 50.0, 50.0, 30.0, 20.0)
 
@@ -18,43 +17,37 @@ def settings(backend: str = "auto") -> RenderSettings:
     return RenderSettings(near_plane=0.1, background="black", antialiased=False, backend=backend)
 
 
-@pytest.fixture(scope="module")
-def crowd() -> Gaussians:
-    """300 Gaussians, some behind the camera and some outside the image."""
-    generator = torch.Generator().manual_seed(3)
-    means = torch.randn(300, 3, generator=generator) + torch.tensor([0.0, 0.0, 2.5])
-    opacities = 0.05 + 0.9 * torch.rand(300, generator=generator)
-    return blobs(means.tolist(), opacities.tolist(), size=0.1)
+CROWD = crowd()
 
 
-def test_kernels_list_what_the_reference_shows(crowd):
+def test_kernels_list_what_the_reference_shows():
     """Against the definition in float64: one image for each Gaussian."""
     pixels = torch.stack(torch.meshgrid(torch.arange(0, 60, 7), torch.arange(0, 40, 6), indexing="ij"), -1)
     pixels = pixels.reshape(-1, 2)
-    geometry = [one.double() for one in (crowd.means, crowd.quats, crowd.scales, crowd.opacities)]
+    geometry = [one.double() for one in (CROWD.means, CROWD.quats, CROWD.scales, CROWD.opacities)]
     matrices = torch.eye(4).double(), torch.from_numpy(CAMERA.matrix)
     begin, ids, weights = pixel_lists(View(*geometry, *matrices, 60, 40, backend="reference"), pixels)
     wanted = torch.zeros(len(pixels), 300).double()
     wanted[torch.repeat_interleave(begin.diff()), ids] = weights
-    mine = pixel_lists(view_of(crowd, CAMERA, np.eye(4), settings("cpu")), pixels)
+    mine = pixel_lists(view_of(CROWD, CAMERA, np.eye(4), settings("cpu")), pixels)
     found = torch.zeros(len(pixels), 300)
     found[torch.repeat_interleave(mine[0].diff()), mine[1]] = mine[2]
     assert int((wanted > 0).sum()) > 300
     torch.testing.assert_close(found.double(), wanted, rtol=1e-4, atol=1e-5)
-    depth = crowd.means[:, 2].double()
+    depth = CROWD.means[:, 2].double()
     pair = [median_depths(*lists, depth) for lists in (mine, (begin, ids, weights))]
     assert 5 < int(pair[0].isnan().sum()) < len(pixels) - 5
     torch.testing.assert_close(*pair, equal_nan=True)
 
 
-def test_what_a_view_shows_is_the_same_with_both_backends(crowd):
+def test_what_a_view_shows_is_the_same_with_both_backends():
     found, wanted = (
-        look_at_centers(crowd, CAMERA, np.eye(4), settings(name)) for name in ("cpu", "reference")
+        look_at_centers(CROWD, CAMERA, np.eye(4), settings(name)) for name in ("cpu", "reference")
     )
     np.testing.assert_array_equal(found.gaussian, wanted.gaussian)
     np.testing.assert_allclose(found.weight, wanted.weight, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(found.median_depth, wanted.median_depth)
-    assert (crowd.means[found.gaussian, 2] >= 0.1).all() and 50 < len(found.gaussian) < 250
+    assert (CROWD.means[found.gaussian, 2] >= 0.1).all() and 50 < len(found.gaussian) < 250
 
 
 @pytest.mark.parametrize(
@@ -91,15 +84,15 @@ def test_a_view_without_centers_is_empty():
 
 
 @pytest.mark.parametrize("width, height", [(60, 40), (67, 33)])
-def test_own_weights_are_those_of_the_lists(crowd, width, height):
+def test_own_weights_are_those_of_the_lists(width, height):
     """Near the centers, also in tiles that the image cuts, and for Gaussians without a pixel in the image."""
     size = torch.tensor([width, height])
-    centers = CAMERA.project(crowd.means.double().numpy())
+    centers = CAMERA.project(CROWD.means.double().numpy())
     pixels = torch.from_numpy(np.floor(centers + np.random.default_rng(5).normal(0, 5, (300, 2)))).long()
     pixels[::7] = torch.tensor([-1, -1])
     pixels[1::7] = size
     camera = Camera(width, height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
-    view = view_of(crowd, camera, np.eye(4), settings("cpu"))
+    view = view_of(CROWD, camera, np.eye(4), settings("cpu"))
     inside = ((pixels >= 0) & (pixels < size)).all(dim=1)
     begin, ids, weights = pixel_lists(view, pixels[inside])
     owner = inside.nonzero()[torch.repeat_interleave(begin.diff()), 0]
@@ -107,10 +100,10 @@ def test_own_weights_are_those_of_the_lists(crowd, width, height):
     wanted[owner[ids == owner]] = weights[ids == owner]
     assert int((wanted > 0).sum()) > 20 and int((wanted[inside] == 0).sum()) > 20
     for backend in ("cpu", "reference"):
-        found = own_weights(view_of(crowd, camera, np.eye(4), settings(backend)), pixels)
+        found = own_weights(view_of(CROWD, camera, np.eye(4), settings(backend)), pixels)
         torch.testing.assert_close(found, wanted, rtol=1e-4, atol=1e-6)
 
 
-def test_own_weights_need_a_pixel_for_each_gaussian(crowd):
+def test_own_weights_need_a_pixel_for_each_gaussian():
     with pytest.raises(ValueError, match=r"\(299, 2\).*\(300, 2\)"):
-        own_weights(view_of(crowd, CAMERA, np.eye(4), settings()), torch.zeros(299, 2).long())
+        own_weights(view_of(CROWD, CAMERA, np.eye(4), settings()), torch.zeros(299, 2).long())
