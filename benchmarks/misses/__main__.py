@@ -31,7 +31,7 @@ from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.errors import UserError
-from egosplat.evaluation.queries import Mask, read_map
+from egosplat.evaluation.queries import Mask, read_layers
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.dominant import mean_of_dominant, target_votes
 from egosplat.language.rendering import render_codes
@@ -153,7 +153,7 @@ def find_causes(folder: Path) -> Iterator[tuple[Mapping[str, Any], Evidence]]:
         true = query["groups"].get("all")
         if true is not None and not true["hit"]:
             things = [overlap.names.index(name) for name in true["instances"]]
-            target = np.isin(read_map(annotations, row_of[query["frame"]], scene.valid), things)
+            target = np.isin(read_layers(annotations, row_of[query["frame"]], scene.valid)[0], things)
             yield query, _measure(scene, query, things, target, overlap, lifted)
 
 

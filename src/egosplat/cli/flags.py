@@ -51,10 +51,8 @@ CHUNKS: dict[str, dict[str, Any]] = {
 
 @contextmanager
 def without_collection() -> Iterator[None]:
-    """Search for no garbage inside this context, and never again among what is left of it.
-
-    For imports, and for commands that end soon: while torch is imported, its half a million objects are searched tens of times.
-    """
+    """Search for no garbage inside this context, and never again among what is left of it: while torch is imported, its half a
+    million objects are searched tens of times."""
     gc.disable()
     try:
         yield
@@ -80,13 +78,8 @@ def parse_time(context: click.Context, parameter: click.Parameter, value: str | 
 
 
 class KeysCommand(click.Command):
-    """A command with options, whose keys ``--help`` lists. The callback gets them as ``options``.
-
-    Attributes:
-        options: their class.
-        own: section of the keys that are in no shared one.
-        brief: whether ``PLAIN`` has a flag of its own, and ``--help`` lists no keys.
-    """
+    """A command whose callback gets ``options`` of a class, with a section ``own`` beside shared ones; ``--help`` lists their
+    keys, but if it is ``brief``: then ``PLAIN`` has a flag of its own."""
 
     def __init__(
         self,

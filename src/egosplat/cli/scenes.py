@@ -145,7 +145,6 @@ class RunCommand(click.Command):
     """A command whose option ``--words`` takes several words."""
 
     def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        """Parse the command line."""
         return super().parse_args(context, spread(args))
 
 

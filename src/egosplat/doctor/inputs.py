@@ -62,13 +62,9 @@ def scene_notice(scene: Scene) -> str | None:
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[LayeredConfig, list[str]]:
     """The whole configuration that Snakemake makes of the same options, and its sources.
 
-    Args:
-        files: of ``--configfile``; later ones override earlier ones, all override config/config.yaml.
-        options: of ``--config``, as ``preset=draft``, ``run={device: cpu}`` or ``run.device=cpu``; they
-            override the files.
-
-    Raises:
-        UserError: a file or an option cannot be read, or a key or value is not allowed.
+    Files of ``--configfile`` override earlier ones and config/config.yaml, options of ``--config``, as ``preset=draft``,
+    ``run={device: cpu}`` or ``run.device=cpu``, override the files. UserError: one cannot be read, or a key or value is not
+    allowed.
     """
     read = [find_home(CONFIG), *files]
     config: Config = {}

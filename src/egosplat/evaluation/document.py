@@ -21,11 +21,7 @@ FORMAT_VERSION = 6
 
 
 def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
-    """Check a document against the schema and write it atomically, with sorted keys.
-
-    Raises:
-        jsonschema.ValidationError: the document does not match the schema.
-    """
+    """Check a document against the schema (jsonschema.ValidationError), and write it atomically, with sorted keys."""
     # JSON has no NaN (a mean of nothing) and no infinity (the PSNR of equal images).
     values = finite(document)
     Draft202012Validator(schema("metrics")).validate(values)
@@ -111,8 +107,8 @@ def _query_entry(answered: AnsweredQuery, evaluation: Evaluation) -> dict[str, A
 def _artifact_entry(artifact: Artifact) -> dict[str, Any]:
     """Provenance, digest and size on disk [MiB]; of a trained artifact also the time of all runs of its training [s]."""
     size = sum(file.stat().st_size for file in artifact.path.rglob("*") if file.is_file())
-    trained = {name: artifact.facts[name] for name in ("training_s",) if name in artifact.facts}
-    return artifact.provenance | {"digest": artifact.digest, "disk_mb": round(size / 2**20, 3)} | trained
+    entry = artifact.provenance | {"digest": artifact.digest, "disk_mb": round(size / 2**20, 3)}
+    return entry | {name: fact for name, fact in artifact.facts.items() if name == "training_s"}
 
 
 def _total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:

@@ -19,7 +19,7 @@ from egosplat.artifacts.schemas import (
     shown_pixels,
 )
 from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, find_queries, instances_of, read_map
+from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, find_queries, instances_of
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
@@ -41,13 +41,8 @@ class RegionScore:
 
 @dataclass(frozen=True)
 class Frame:
-    """An evaluation frame.
-
-    Attributes:
-        row, index: in annotations.zarr, and in frames.zarr.
-        trained_on: whether it is also a training frame.
-        held_out: row of its render in splats.zarr; None for a training frame or a frame without a pose.
-    """
+    """An evaluation frame, which may also be trained on: its row in annotations.zarr, its index in frames.zarr, and the
+    ``held_out`` row of its render in splats.zarr, None for a training frame or a frame without a pose."""
 
     row: int
     index: int
@@ -64,13 +59,8 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """The evaluation frames with their artifacts.
-
-    Attributes:
-        instances: by their index in the instance maps.
-        valid: (H, W) bool pixels that show the scene.
-        camera_to_world: (F, 4, 4) float64, NaN without a pose.
-    """
+    """The evaluation frames with their artifacts, the instances by their index in the instance maps, the (H, W) bool ``valid``
+    pixels that show the scene, and (F, 4, 4) float64 poses, NaN without one."""
 
     frames_artifact: Artifact
     annotations: Artifact
@@ -83,7 +73,7 @@ class Evaluation:
 
     def map_of(self, frame: Frame) -> InstanceMap:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
-        return read_map(self.annotations, frame.row, self.valid)
+        return np.where(self.valid, self.annotations.row("instance_map", frame.row), np.int32(-1))
 
     def find_queries(self, options: ScoringOptions) -> list[Query]:
         """The queries of the frames with a pose, see ``egosplat.evaluation.queries.find_queries``."""

@@ -63,11 +63,10 @@ def mean_of_scenes(scenes: Sequence[Clusters]) -> float:
 def clustered_interval(
     scenes: Sequence[Clusters], options: IntervalOptions, least: float = 0.0, most: float = 1.0
 ) -> Interval | None:
-    """Confidence interval of ``mean_of_scenes`` for other categories and other scenes.
+    """Confidence interval of ``mean_of_scenes`` for other categories and scenes; None with fewer than two categories.
 
-    It is an expanded percentile interval of the bootstrap. It is too narrow for few scenes that differ from each other;
-    benchmarks/intervals/README.md measures by how much. ``least`` and ``most`` bound a value, such as -1 and 1 for a
-    difference of hits. None with fewer than two categories: one category says nothing about others.
+    An expanded percentile interval of the bootstrap, too narrow for few scenes that differ (benchmarks/intervals/README.md);
+    ``least`` and ``most`` bound a value, such as -1 and 1 for a difference of hits.
     """
     scenes = [scene for scene in scenes if len(scene.counts)]
     means = np.concatenate([np.zeros(0), *(scene.totals / scene.counts for scene in scenes)])

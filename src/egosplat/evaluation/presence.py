@@ -100,11 +100,8 @@ def presence_entry(queries: Sequence[Mapping[str, Any]], min_score: float) -> di
 def annotated_shares(
     scene: QueryScene, things: Sequence[Thing], evaluation: Evaluation
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Measure how many pixels of each of T things lie on each annotated category, over the evaluation frames.
-
-    Returns:
-        (T, C + 1) float64 pixels, the last column without annotation; names of the C categories.
-    """
+    """Measure how many pixels of each of T things lie on each annotated category, over the evaluation frames: (T, C + 1)
+    float64, the last column without annotation; and names of the C categories."""
     names = sorted({instance.category for instance in evaluation.instances})
     total = np.zeros((len(things), len(names) + 1))
     if not things:

@@ -19,14 +19,9 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Query:
-    """A category in a frame, as the dataset names it, with the indices of its visible instances by group.
-
-    A category with static and dynamic instances in a frame counts once in ``all``, and in each other group with the
-    instances of that group as ground truth (docs/method.md#mixed-categories).
-
-    Attributes:
-        row, frame: index of the frame in annotations.zarr, and in frames.zarr.
-    """
+    """A category, as the dataset names it, in a frame with a row of annotations.zarr and an index in frames.zarr; with the
+    indices of its visible instances by group: of a category with static and dynamic ones, all and those of each
+    (docs/method.md#mixed-categories)."""
 
     row: int
     frame: int
@@ -45,13 +40,9 @@ def find_queries(annotations: Artifact, valid: Mask, options: ScoringOptions) ->
     ]
 
 
-def read_map(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
-    """(H, W) int32 instance map of an evaluation frame; invalid pixels are -1."""
-    return np.where(valid, annotations.row("instance_map", row), np.int32(-1))
-
-
 def read_layers(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
-    """(L, H, W) int32: the instance map of an evaluation frame, then those of the instances that others cover in part."""
+    """(L, H, W) int32: the instance map of an evaluation frame, then those of the instances that others cover in part; invalid
+    pixels are -1."""
     first = annotations.row("instance_map", row)[None]
     beside = [annotations.row("covered_map", row)] if annotations.has("covered_map") else []
     return np.where(valid, np.concatenate([first, *beside]), np.int32(-1))
@@ -79,10 +70,7 @@ def instances_of(annotations: Artifact) -> list[Instance]:
 def categories(
     layers: InstanceMap, instances: Sequence[Instance], options: ScoringOptions
 ) -> Iterator[tuple[str, dict[str, tuple[int, ...]]]]:
-    """The categories to query in one frame, in alphabetical order, with their instances by group.
-
-    ``layers`` are (L, H, W) int32 indices into the instances, -1 for none, see ``read_layers``.
-    """
+    """The categories to query in one frame of ``read_layers``, in alphabetical order, with their instances by group."""
     # An instance that others cover is whole in one layer, and in part in the first.
     area = np.max([np.bincount(layer[layer >= 0], minlength=len(instances)) for layer in layers], axis=0)
     # A share of the whole image, not of its valid pixels.

@@ -27,12 +27,8 @@ Ask = Callable[[int, Sequence[str]], Iterable[ViewMatch]]
 
 @dataclass(frozen=True)
 class Result:
-    """Scores of an answer against the instances of one group.
-
-    Attributes:
-        iou: IoU of the mask, 0..1.
-        random_hit, middle_hit: probability that a random valid pixel hits, 0..1; whether the middle pixel of the image does.
-    """
+    """Scores of an answer against the instances of one group: whether it hits, IoU of its mask, 0..1, the probability that a
+    random valid pixel hits, and whether the middle pixel of the image does."""
 
     hit: bool
     iou: float
@@ -43,14 +39,8 @@ class Result:
 def score_query(
     query: Query, pixel: tuple[int, int] | None, mask: Mask, layers: InstanceMap, valid: Mask, hit_region: str
 ) -> dict[str, Result]:
-    """Score one answer against the instances of each group.
-
-    Args:
-        pixel, mask: column and row, and (H, W) bool, see ``egosplat.query.answers.ViewMatch``.
-        layers: (..., H, W) int32 of the query's frame, see ``read_layers``.
-        valid: (H, W) bool pixels that show the scene.
-        hit_region: see ``target_area``.
-    """
+    """Score the pixel and mask of one ``ViewMatch`` against the instances of each group, in (..., H, W) int32 layers of its
+    frame, see ``read_layers``; (H, W) bool ``valid`` pixels show the scene."""
     results = {}
     for name, members in query.instances.items():
         area = target_area(layers, members, hit_region)
@@ -65,11 +55,8 @@ def score_query(
 
 
 def iou(predicted: Mask, target: Mask, valid: Mask) -> float:
-    """Intersection over union of two (H, W) bool masks over the valid pixels, 0..1.
-
-    Raises:
-        ValueError: the target has no valid pixel. Queries are made from visible instances, so it is of another frame.
-    """
+    """Intersection over union of two (H, W) bool masks over the valid pixels, 0..1 (ValueError: the target has no valid
+    pixel)."""
     predicted, target = predicted & valid, target & valid
     if not target.any():
         raise ValueError("a query without a visible instance has no IoU")
@@ -127,12 +114,8 @@ def bounding_boxes(layers: InstanceMap, instances: Sequence[int]) -> NDArray[np.
 
 @dataclass(frozen=True, eq=False)
 class AnsweredQuery:
-    """A query with its scores by group and its answer, without the answer's maps.
-
-    Attributes:
-        right_pixels: see ``count_right``; None unless masks are those of classes.
-        answer: what ``metrics.json`` tells of the answer.
-    """
+    """A query with its scores by group, what ``count_right`` tells if masks are those of classes, and the answer of
+    ``metrics.json``."""
 
     query: Query
     groups: Mapping[str, Result]
@@ -204,9 +187,7 @@ def count_right(query: Query, mask: Mask, layers: InstanceMap, instances: Sequen
 
 
 def pixel_accuracy(answered: Sequence[AnsweredQuery], pixels: int) -> float | None:
-    """Share of the pixels that show the scene whose class is right, mean over frames, 0..1; None without queries.
-
-    Pixels without a label count as wrong, as in 3D-OVS.
-    """
+    """Share of the pixels that show the scene whose class is right, mean over frames, 0..1; None without queries. Those without
+    a label are wrong, as in 3D-OVS."""
     frames = {entry.query.frame for entry in answered}
     return sum(entry.right_pixels or 0 for entry in answered) / pixels / len(frames) if frames else None

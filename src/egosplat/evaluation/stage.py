@@ -49,17 +49,12 @@ def run(
     tiles_path: Path | None = None,
     histories_path: Path | None = None,
 ) -> None:
-    """Write the scores of a scene as JSON, see ``metrics.schema.yaml``.
+    """Write the scores of a scene as JSON, see ``metrics.schema.yaml``; with histories each frame is asked and rendered at its
+    own time.
 
-    Args:
-        method: name of the published method that the codes stand for; None for EgoSplat.
-        world_seed, camera: ``synthetic.seed`` and ``synthetic.camera`` of a synthetic apartment; else None.
-        features_path: required unless the codes were learnt from tiles.
-        tiles_path: required if they were.
-        histories_path: what lies somewhere for a while; each frame is asked and rendered at its own time then.
-
-    Raises:
-        UserError: the inputs do not match, the model did not make the features, or the backend cannot run.
+    ``method`` is the published one that the codes stand for, None for EgoSplat; features or tiles are what they were learnt
+    from. A synthetic apartment has a seed and a camera. UserError: inputs do not match, another model made them, or the backend
+    cannot run.
     """
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
     artifacts = list(map(open_artifact, paths, SCORED))

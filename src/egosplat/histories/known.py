@@ -42,7 +42,7 @@ class Rests:
     """K Gaussians of R rests of T things.
 
     Attributes:
-        gaussians, rest: on the device of the renderer, and (K,) int64 rest of each.
+        rest: (K,) int64 rest of each of the Gaussians, which are on the device of the renderer.
         thing: (R,) int64 thing of each rest; ``feature`` (T, D) float32 of unit norm, of each thing; zeros without one.
         from_s, until_s: (R,) float64 seconds since the first frame, both included.
         absent_s: (2, R) float64 time of the last frame before and the first one after that shows the place without it; NaN without one.

@@ -33,13 +33,11 @@ _TELLING = 5
 
 @dataclass(frozen=True, eq=False)
 class Carry:
-    """A thing on its way.
+    """A thing on its way, which is ``lost`` if it is fast where it is seen last; ``others`` are tracks of the same or of parts
+    of it.
 
-    Attributes:
-        seen: of the track that shows most of it, in the order of time, with those of the rests before and after.
-        moving: (S,) bool, which of these are on the way.
-        lost: whether it is fast where it is seen last on its way.
-        others: tracks that show the same thing or parts of it.
+    ``seen`` is the track that shows most of it, in the order of time, with the rests before and after; (S,) bool of them are
+    ``moving``.
     """
 
     seen: Sightings
@@ -85,12 +83,8 @@ class Carry:
 
 
 def find_carries(seen: Sightings, inside: Nesting, seconds: Array) -> list[Carry]:
-    """Find the carries of a recording, in the order of time, in the sightings of all tracks of what moves.
-
-    Args:
-        seen, inside: as ``see_tracks`` returns them.
-        seconds: (F,) float64 time of each frame [s].
-    """
+    """Find the carries of a recording, in the order of time, in what ``see_tracks`` tells of all tracks of what moves, by the
+    (F,) float64 time of each frame [s]."""
     every = [carry for run in _runs(seen, seconds) for carry in _carries(run, seconds)]
     # The longest first: it stands for all that show the same.
     every.sort(key=lambda one: (-len(one.seen), -float(np.median(one.seen.area)), one.track))

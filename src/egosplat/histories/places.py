@@ -35,13 +35,11 @@ _REACH = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """The frames of a recording, and the Gaussians of its scene, which stay as they are.
+    """The frames of a recording, (F, 4, 4) float64 poses, and the Gaussians of its scene on the renderer's device, which stay
+    as they are.
 
     Attributes:
-        frames, instances, masks: artifacts; there may be no refined masks.
         seed: of all random choices.
-        gaussians: on the device of the renderer.
-        camera_to_world: (F, 4, 4) float64.
         log_gains, compression: (F, 3) of the exposure, and of highlights, see ``egosplat.gaussians.exposure``; None for 0.
     """
 
@@ -103,15 +101,9 @@ class Recording:
 
 @dataclass(frozen=True, eq=False)
 class End:
-    """An end of a carry.
+    """An end of the carry of a number, at a ``second``, before or ``after`` which a thing of a size [m] rests in a sphere [m].
 
-    Attributes:
-        carry: its number.
-        after: whether the thing rests after the carry; else before.
-        center, radius: of the sphere in which it rests [m].
-        size: of the thing [m].
-        second: when the carry begins or ends [s].
-        track: instance of the thing in instances.zarr; its own masks do not hide it.
+    ``track`` is the instance of the thing in instances.zarr; its own masks do not hide it.
     """
 
     carry: int
@@ -125,16 +117,9 @@ class End:
 
 @dataclass(frozen=True, eq=False)
 class PlaceView:
-    """A crop of a training frame around an end of a carry.
-
-    Attributes:
-        frame: index in frames.zarr.
-        corner: column and row of the crop in the frame [px].
-        camera: of the crop.
-        near: (K,) int64 Gaussians of the scene that may reach into it.
-        picture: (h, w, 3) uint8 sRGB.
-        shown: (h, w) bool pixels that show the scene, and nothing else that moves.
-    """
+    """A crop of a training frame around an end of a carry: its column and row in the frame, its camera, (h, w, 3) uint8 sRGB,
+    (K,) int64 Gaussians of the scene that may reach into it, and the (h, w) bool pixels that show the scene, and nothing else
+    that moves."""
 
     frame: int
     corner: tuple[int, int]

@@ -35,15 +35,10 @@ _TOGETHER_S = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Rest:
-    """A thing that lies somewhere for a while.
+    """A thing of a size [m] that lies somewhere for a while, looked for in a sphere of a radius [m].
 
-    Attributes:
-        radius: of the sphere in which it was looked for [m].
-        size: of the thing [m].
-        gaussians: what the photographs show of it on top of the scene.
-        views: of this time.
-        gain: share of the error that the Gaussians explain.
-        absent: the last frame before and the first one after that show the place without it, -1 for none.
+    Its Gaussians, on top of the scene, explain the share ``gain`` of the error of the views of this time. ``absent`` are the
+    last frame before and the first one after that show the place without it, -1 for none.
     """
 
     radius: float
@@ -89,12 +84,8 @@ def ends_of(carries: Sequence[Carry], seconds: Array) -> list[End]:
 def find_rests(
     ends: Sequence[End], views: Sequence[Sequence[PlaceView]], seconds: Array, recording: Recording
 ) -> list[Rest]:
-    """Find the rests of all ends of carries, in the order of time; an end at a rest that is known already joins it.
-
-    Args:
-        views: of the place of each end.
-        seconds: (F,) time of each frame [s].
-    """
+    """Find the rests of all ends of carries, by views of each, in the order of time [s]; an end at a rest that is known joins
+    it."""
     rests: list[Rest] = []
     for end, seen in track([*zip(ends, views, strict=True)], "learning what rests", unit="end"):
         if any(_holds(rest, end) and _covers(rest, end, seconds) for rest in rests):

@@ -55,13 +55,10 @@ def run(
     *,
     masks_path: Path | None = None,
 ) -> None:
-    """Write the carries and rests of a recording; none where nothing is tracked.
+    """Write the carries and rests of a recording; none where nothing is tracked. Gaussians that were trained with masks need
+    them.
 
-    Args:
-        masks_path: required if the Gaussians were trained with refined masks.
-
-    Raises:
-        UserError: the inputs do not belong together, the model did not make the features, or the backend cannot run.
+    UserError: the inputs do not belong together, the model did not make the features, or the backend cannot run.
     """
     paths = (frames_path, poses_path, instances_path, view_features_path, splats_path)
     kinds = (FRAMES, POSES, INSTANCES, VIEW_FEATURES, SPLATS)

@@ -34,13 +34,8 @@ Floats = NDArray[np.float32]
 def find_things(
     rests: Sequence[Rest], looks: Sequence[Array], links: Ints, carried: Floats
 ) -> tuple[Ints, Ints, Floats]:
-    """Find the thing of each rest and of each carry by ``group`` and ``match``, with ``features_of`` each thing.
-
-    Args:
-        looks: (D,) feature of each rest; zeros without one.
-        links: as ``link`` returns them.
-        carried: (C, D) feature of each carry; zeros without one.
-    """
+    """Find the thing of each rest and of each carry by ``group`` and ``match``, with ``features_of`` each thing, from the (D,)
+    features of rests and (C, D) of carries, zeros without one, and what ``link`` returns."""
     things, of_carries = group(len(rests), links)
     if not rests:
         return things, of_carries, np.zeros((0, carried.shape[1]), np.float32)
@@ -50,11 +45,8 @@ def find_things(
 
 
 def group(rests: int, links: Ints) -> tuple[Ints, Ints]:
-    """Number the things: a carry is of one thing with the rests before and after it, see ``link``.
-
-    Returns:
-        (R,) int32 thing of each rest, and (C,) of each carry, -1 for a carry without a rest.
-    """
+    """Number the things: (R,) int32 of each rest, and (C,) of each carry, which is one with the rests before and after it, see
+    ``link``; -1 without a rest."""
     side, carry = np.nonzero(links >= 0)
     nodes = rests + links.shape[1]
     joined = coo_array((np.ones(len(side), bool), (links[side, carry], rests + carry)), shape=(nodes, nodes))
@@ -66,12 +58,8 @@ def group(rests: int, links: Ints) -> tuple[Ints, Ints]:
 
 
 def match(things: Ints, of_carries: Ints, rests: Sequence[Rest], features: Floats) -> tuple[Ints, Ints]:
-    """Join things that look alike and rest one after the other, or at one place: a carry between them was missed, or they are parts.
-
-    Args:
-        things, of_carries: as ``group`` returns them, and the result with fewer things.
-        features: (T, D) of the things, T at least 1, of unit norm or zeros.
-    """
+    """Join things of ``group`` that look alike by (T, D) features, of unit norm or zeros, and rest one after the other, or at
+    one place: a carry between them was missed, or they are parts."""
     alike = (features @ features.T).astype(np.float64)
     np.fill_diagonal(alike, -1.0)
     label = np.arange(len(features))
@@ -109,12 +97,9 @@ def features_of(owner: Ints, every: Array) -> Floats:
 def look_at(
     rest: Rest, recording: Recording, clip: OpenClip, turned: bool
 ) -> tuple[int, tuple[int, int, int, int], Array]:
-    """Encode what the frames show where the Gaussians of a rest explain them; ``turned`` pictures lie on their side.
-
-    Returns:
-        The frame that shows most of it, x0, y0, x1, y1 around it there [px], and the (D,) float64 mean of OpenCLIP's features of its
-        views, of unit norm; zeros without one.
-    """
+    """Encode what the frames show where the Gaussians of a rest explain them: the frame that shows most of it, x0, y0, x1, y1
+    around it there [px], and the (D,) float64 mean feature of unit norm, zeros without one. ``turned`` pictures lie on their
+    side."""
     views = [rest.views[index] for index in evenly_spaced(len(rest.views), _VIEWS)]
     masks = [improved(view, rest.gaussians, recording) for view in views]
     areas = [int(mask.sum()) for mask in masks]

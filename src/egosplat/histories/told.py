@@ -21,13 +21,11 @@ def clock(second: float) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Carried:
-    """A thing that left its place and was put down at another one.
+    """A thing of a size [m] that left its place and was put down at another one, between two seconds since the first frame.
 
     Attributes:
         score: relevancy of the query, 0..1.
-        from_s, until_s: seconds since the first frame.
         start, end: (3,) float64 the places; NaN if not known.
-        size: of the thing [m].
         frame, box: the frame that shows most of it, and x0, y0, x1, y1 around it there, the ends exclusive [px].
         certain: whether it left one place for another: else a hand may only have hidden it meanwhile.
     """
@@ -60,12 +58,11 @@ class Carried:
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """Where a thing was at a time.
+    """Where a thing was at a time, or whether it was ``carried`` on its way.
 
     Attributes:
-        position: (3,) float64; None while it is carried, where neither the carry before nor the one after tells it, and between two that do not meet.
+        position: (3,) float64; None while it is carried, where neither carry tells it, and between two that do not meet.
         since_s, until_s: seconds for which it was so; None if nobody saw it come, or leave.
-        carried: whether it was on its way.
     """
 
     position: Array | None

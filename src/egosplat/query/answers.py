@@ -18,10 +18,9 @@ class Thing:
     """A connected set of Gaussians that match a query at a level of detail; ``members`` are their (M,) int64 indices.
 
     Attributes:
-        score: 0..1, see ``egosplat.query.things.find_things``; above 0.5 it fits better than every canonical phrase.
+        score: 0..1, see ``things.find_things``; above 0.5 it fits better than every canonical phrase.
         center, size: (3,) float64 mean of its Gaussians by visible share, and sides of its box along the axes of the world.
-        frame: the frame that shows it best.
-        probability: that it is what the query means; None without a calibration.
+        frame: the one that shows it best; ``probability`` is that it is what the query means, None without a calibration.
     """
 
     score: float

@@ -40,17 +40,11 @@ def run(
     output: Path,
     at: float | None = None,
 ) -> Iterator[str]:
-    """Answer queries of the whole scene, or of a viewpoint, in a table, then in a picture.
+    """Answer queries, of the whole scene by ``most`` things each, or of a viewpoint; tell where carried things were ``at`` a
+    time [s].
 
-    Args:
-        most: maximum number of things in an answer of the whole scene.
-        at: tell where things that were carried were at this time [s since the first frame]; of a pose, ask what it shows then.
-
-    Yields:
-        The table as soon as it is known, a table of what was carried if there is any, then a line about the picture once it is drawn.
-
-    Raises:
-        UserError: as ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
+    Yields the table, one of what was carried if anything was, then a line about the picture once it is drawn. UserError: as
+    ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
     """
     if at is not None:
         viewpoint = _viewpoint_at(scene, viewpoint, at)

@@ -55,10 +55,8 @@ class Frames:
 class Scene:
     """A finished scene or variant, made by ``egosplat.open_scene``; nothing large is read before it is needed, nothing is written.
 
-    Attributes:
-        given, made_from: the opened artifacts, and these with everything that they were made from.
-        options: how queries are answered, and by what renderer and device.
-        checked: whether bytes of artifacts need not be compared with their digests before they are read.
+    ``given`` are the opened artifacts, ``made_from`` also what they were made from; bytes of ``checked`` ones are as their
+    digests tell.
     """
 
     folder: Path
@@ -201,13 +199,11 @@ class Scene:
 
         Args:
             most: maximum number of things in an answer of the whole scene.
-            frame: ask only the view of this frame, at its time.
-            pose: ask only this view: (4, 4) camera_to_world, or a JSON file that holds it.
-            second: time of the pose [s since the first frame]: what lies somewhere for a while is seen at its time.
-            keys: keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
+            frame, pose: ask only the view of this frame at its time, or of (4, 4) camera_to_world, or a JSON file that holds
+            it. second: time of the pose [s since the first frame]: what lies somewhere for a while is seen at its time. keys:
+            keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
-        Raises:
-            UserError: the OpenCLIP of the features is missing, the view has no pose, or a phrase or a key is not valid.
+        UserError: the OpenCLIP of the features is missing, the view has no pose, or a phrase or a key is not valid.
 
         >>> [couch] = scene.ask("couch", most=1)
         >>> print(couch.things[0].level, couch.things[0].center.round(1), "in frame", couch.things[0].frame)
@@ -305,8 +301,7 @@ class Scene:
         camera: Camera | None = None,
     ) -> NDArray[np.float32]:
         """(H, W, 3) float32 sRGB in [0, 1] of the view of a frame, or of a pose, as in ``ask``; by the frames' camera or another one."""
-        view = self.viewpoint(frame, pose, second)
-        if view is None:
+        if (view := self.viewpoint(frame, pose, second)) is None:
             raise UserError("render: give a frame or a pose")
         return self.trained.at(self.rests, view.second).picture(camera or self.camera, view.camera_to_world)
 
@@ -338,12 +333,9 @@ class Scene:
 def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys: Any) -> Scene:
     """Open a finished scene or variant, such as ``results/adt/scene1``. Only what describes its artifacts is read.
 
-    Args:
-        options: how queries are answered; None for the defaults, which follow the model.
-        keys: keys of the section ``query``, ``backend``, ``device`` or ``precision`` that differ, such as ``min_score=0.6``.
-
-    Raises:
-        UserError: a key is not valid, or an artifact is missing, damaged or of another scene; names what makes it.
+    Queries follow ``options``, or the defaults of the model, but for ``keys`` of the section ``query``, ``backend``, ``device``
+    or ``precision``, such as ``min_score=0.6``. UserError: a key is not valid, or an artifact is missing, damaged or of another
+    scene.
 
     >>> scene = egosplat.open_scene("results/adt/scene1")
     >>> scene.levels, len(scene.frames), scene.gaussians.count

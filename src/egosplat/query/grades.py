@@ -154,11 +154,9 @@ def measure_evidence(
     words: Texts,
     temperature: float,
 ) -> list[Evidence]:
-    """Measure for each thing the evidence that it is what a query means.
+    """Measure for each of the best things, compared with the others, the evidence that it is what the one query means.
 
-    Args:
-        things: the best things that match the one query, two or more if there are: each is compared with the others.
-        words: names of things; each competes with the query, unless it means the same (see ``SYNONYM``).
+    ``words`` are names of things; each competes with the query, unless it means the same (see ``SYNONYM``).
     """
     others = torch.nonzero(other_meanings(query, words))[:, 0].tolist()
     phrases = (*query.phrases, *(words.phrases[row] for row in others))
@@ -210,13 +208,9 @@ def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, tempe
 def judge(
     phrase: str, things: Sequence[Thing], untaught: Sequence[str], grading: Grading, most: int, coded: bool
 ) -> Answer:
-    """Judge the things that match a query of the whole scene, and show ``most`` of them.
-
-    Args:
-        things: by decreasing score, with their probabilities where a calibration holds.
-        untaught: words of the query that the model was not trained on.
-        coded: whether any Gaussian has a code.
-    """
+    """Judge the things that match a query of the whole scene, by decreasing score, with probabilities where a calibration
+    holds, and show ``most`` of them. The model was not trained on ``untaught`` words; ``coded`` tells whether any Gaussian has
+    a code."""
     refusal, untaught = explain_untaught(untaught), tuple(untaught)
     if not things:
         # What fits best may be specks alone.

@@ -32,12 +32,8 @@ class Maps:
 
 
 def read_maps(maps: Map, valid: Mask, options: QueryOptions) -> Maps:
-    """Enlarge and smooth a query's maps of all levels (docs/method.md#query-levels).
-
-    Args:
-        maps: (L, h, w) float32 relevancy in 0..1, NaN where no code is visible; of the whole image at any size.
-        valid: (H, W) bool pixels of the image that show the scene; other pixels are never answers.
-    """
+    """Enlarge and smooth (L, h, w) float32 relevancy in 0..1 of the whole image at any size, NaN where no code is visible, to
+    the (H, W) bool ``valid`` pixels, which show the scene; others are never answers (docs/method.md#query-levels)."""
     height, width = valid.shape
     seen = ~np.isnan(maps) & resize_shown(valid, *maps.shape[1:])
     shown = valid & np.stack([resize_shown(level, height, width) for level in seen])
@@ -55,11 +51,8 @@ def resize_shown(mask: Mask, height: int, width: int) -> Mask:
 
 
 def localize(smooth: Map, shown: Mask) -> tuple[int, float, tuple[int, int]] | None:
-    """Find the level with the largest of (L, H, W) float32 values that are ``shown``, the first one on ties.
-
-    Returns:
-        Level, this value, and column and row of the innermost pixel as large within ``PLATEAU``; None if none is shown.
-    """
+    """Find the level with the largest of (L, H, W) float32 values that are ``shown``, the first one on ties; None if none is:
+    level, this value, and column and row of the innermost pixel as large within ``PLATEAU``."""
     if not shown.any():
         return None
     # LangSplat's: the level with the most relevant pixel answers (docs/method.md#query-levels).

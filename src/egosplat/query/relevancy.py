@@ -36,14 +36,10 @@ def fold(decoder: Decoder, directions: Tensor) -> tuple[Decoder, Tensor]:
 
 
 def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature: float) -> Tensor:
-    """Relevancy of features to queries: ``sigmoid(t (s_q - max_c s_c))``, 0.5 where the best canonical phrase fits as well.
+    """(..., Q) float32 relevancy to (Q, D) queries: ``sigmoid(t (s_q - max_c s_c))``, 0.5 where the best of (K, D) canonical
+    phrases, K at least 1, fits as well; s are inner products.
 
-    Args:
-        features: (..., D) floats of unit norm; zeros or non-finite values where there is no feature, and relevancy is 0.
-        queries, canonical: (Q, D) and (K, D) float32, K at least 1; s is the inner product with a feature.
-
-    Returns:
-        (..., Q) float32 in [0, 1].
+    (..., D) features have unit norm; where there is none, zeros or non-finite values, relevancy is 0.
     """
     # Halves would move a relevancy by 0.08 at a temperature of 10,000.
     wide = torch.promote_types(features.dtype, torch.float32)
@@ -58,14 +54,10 @@ def relevancy(features: Tensor, queries: Tensor, canonical: Tensor, temperature:
 
 @torch.inference_mode()
 def relevancy_maps(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts, temperature: float) -> Tensor:
-    """Relevancy of rendered codes to Q queries; decodes a few thousand pixels at a time (ValueError: a code is not finite).
+    """(Q, L, H, W) float32 relevancy of rendered (L, H, W, C) codes, divided by their coverage, to Q queries, on the codes'
+    device.
 
-    Args:
-        codes: (L, H, W, C) float32, divided by their coverage.
-        seen: (L, H, W) bool, on the same device; other pixels are not decoded.
-
-    Returns:
-        (Q, L, H, W) float32 in [0, 1], on the codes' device; 0 where ``seen`` is false or the feature is zero.
+    Decodes a few thousand pixels at a time; 0 where (L, H, W) bool ``seen`` is false. ValueError: a code is not finite.
     """
     rows = codes.reshape(-1, codes.shape[-1])
     if not all_finite(rows):

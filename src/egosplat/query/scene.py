@@ -77,14 +77,8 @@ class TrainedScene:
 
 @dataclass(frozen=True, eq=False)
 class QueryScene(TrainedScene):
-    """A trained scene whose Gaussians have codes at L levels.
-
-    Attributes:
-        code, share: (N, L, C) and (N, L) float32 of language.zarr, on the Gaussians' device.
-        decoder: from codes to features.
-        decoded: what queries of a view decode, see ``egosplat.artifacts.schemas``.
-        levels: names of the levels.
-    """
+    """A trained scene whose Gaussians have a code and a share, (N, L, C) and (N, L) float32 on their device, at L levels;
+    ``decoded`` is what queries of a view decode, see ``egosplat.artifacts.schemas``."""
 
     code: Tensor
     share: Tensor
@@ -146,12 +140,8 @@ def instances_of_gaussians(instances: Artifact, means: NDArray[np.float32]) -> N
 
 @dataclass(frozen=True, eq=False)
 class Viewpoint:
-    """A (4, 4) float64 pose of the recording's camera, OpenCV axes, meters.
-
-    Attributes:
-        valid: (H, W) bool pixels that show the scene, or None for all.
-        second: time [s since the first frame], at which it shows what lies there then, too; None for what stays.
-    """
+    """A (4, 4) float64 pose of the recording's camera, OpenCV axes, meters, with the (H, W) bool pixels that show the scene, or
+    None for all; at ``second`` [s since the first frame] it shows what lies there then, too."""
 
     name: str
     camera_to_world: Array

@@ -68,11 +68,8 @@ def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str
 
 
 def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
-    """Encode P phrases; returns (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases.
-
-    Raises:
-        UserError: a phrase is blank, not text, or too long for the model, or its feature is zero or not finite.
-    """
+    """Encode P phrases as (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases (UserError: a phrase is blank, not
+    text, or too long for the model, or its feature is zero or not finite)."""
     if not phrases:
         return torch.zeros(0, 0)
     limit = clip.tokenizer.context_length - 2  # without the start and the end of every text

@@ -110,14 +110,10 @@ def ask_scene(
 def visible_shares(
     gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, settings: RenderSettings
 ) -> Tensor:
-    """Share of each view that every Gaussian fills, with occlusion; pixels count less towards the border, where things are cut off.
+    """(V, N) float32 share of each view, of V poses, that every Gaussian fills, with occlusion, on its device; rows sum to
+    about 1 at most.
 
-    Args:
-        poses: V (4, 4) float64 camera_to_world.
-        valid: (height, width) bool pixels of the camera that show the scene, or None for all.
-
-    Returns:
-        (V, N) float32 on the device of the Gaussians; each row sums to at most about 1.
+    Pixels count less towards the border, where things are cut off; ``valid`` ones show the scene, or all for None.
     """
     # A half sine along each axis falls towards the border; the weights of all pixels sum to 1.
     down, right = (np.sin(np.pi * (np.arange(side) + 0.5) / side) for side in (camera.height, camera.width))
@@ -132,11 +128,8 @@ def visible_shares(
 
 
 def find_neighbors(means: Array, radii: Array) -> csr_array:
-    """(N, N) sparse float32: 1 where a Gaussian is among the nearest of another and they overlap within ``REACH``, and on the diagonal.
-
-    Args:
-        means, radii: (N, 3) float64 centers, and (N,) standard deviations along the longest axis.
-    """
+    """(N, N) sparse float32: 1 where a Gaussian is among the nearest of another and they overlap within ``REACH``, and on the
+    diagonal; by (N, 3) float64 centers, and (N,) standard deviations along the longest axis."""
     size, count = len(means), min(NEAREST, len(means))
     if not count:
         return csr_array((0, 0), dtype=np.float32)

@@ -35,14 +35,13 @@ _LEAST_COVERAGE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The codes of one view, rendered at (h, w) pixels.
+    """The codes of one view, rendered at (h, w) pixels, for answers of (H, W) pixels by the ``camera``, of which ``valid`` ones
+    count.
 
     Attributes:
         codes: (L, h, w, C) float32 codes at each level, or relevancies to C queries, divided by their coverage.
         coverage: (L, h, w) float32 share of each pixel that Gaussians with a code cover, 0..1.
         depth: (h, w) float32 expected camera z [m]; 0 where the view is empty.
-        camera, camera_to_world: of the answers, (H, W) pixels; the camera shows the same image at another size.
-        valid: (H, W) bool pixels that show the scene; other pixels are never answers.
     """
 
     codes: Tensor
@@ -63,11 +62,8 @@ class View:
 class Asker:
     """Answers queries in any view of a scene: the Gaussians are compared with all queries once.
 
-    Attributes:
-        texts: the queries, encoded by the model that made the scene's features.
-        own: (N, L, Q) float32 relevancy of each Gaussian's own code to each query; None if pixels are decoded.
-        rests: what lies somewhere for a while; None if it is not known. Pixels that are decoded do not show it.
-        of_things: (T, Q) float32 relevancy of each thing that rests.
+    ``own`` (N, L, Q) and ``of_things`` (T, Q) are float32 relevancies of Gaussians and of things that rest; pixels that are
+    decoded need none, and do not show what rests.
     """
 
     def __init__(
@@ -90,12 +86,8 @@ class Asker:
         valid: Mask | None,
         second: float | None = None,
     ) -> Iterator[ViewMatch]:
-        """Answer some of the queries in one view, in order.
-
-        Args:
-            valid: (H, W) bool pixels that show the scene, or None for all.
-            second: show what lies there at this time, too [s since the first frame].
-        """
+        """Answer some of the queries in one view, in order; (H, W) bool ``valid`` pixels show the scene, or all for None, and
+        at ``second`` [s since the first frame] also what lies there then."""
         texts, place = self.texts.of(phrases), (camera, camera_to_world, valid, self.options.resolution)
         if self.own is None:
             view = view_of(self.scene, *place)
@@ -152,11 +144,8 @@ def answer_from_codes(
 def answer_from_relevancies(
     scene: QueryScene, view: View, phrases: Sequence[str], options: QueryOptions
 ) -> Iterator[ViewMatch]:
-    """Answer queries in order from the relevancies of Gaussians (docs/method.md#query-masks).
-
-    Args:
-        scene: its ``code`` are relevancies, one channel for each query; ``view`` is rendered from it.
-    """
+    """Answer queries in order from the relevancies of Gaussians, the ``code`` of a scene with a channel for each query, from
+    which the view is rendered (docs/method.md#query-masks)."""
     located = []
     for match, maps in _located(view, phrases, view.seen, view.codes.movedim(-1, 0), options):
         # What is visible is so for every query.
@@ -239,11 +228,8 @@ def show_thing(
 def pixel_position(
     camera: Camera, camera_to_world: Array, pixel: tuple[int, int], depth: NDArray[np.float32]
 ) -> Array | None:
-    """The world position shown at the center of a pixel (column and row), (3,) float64 [m]; None without depth.
-
-    Args:
-        depth: (h, w) float32 expected camera z [m] of the same view at any resolution; 0, or not finite, for none.
-    """
+    """The world position shown at the center of a pixel (column and row), (3,) float64 [m]; None without depth, which is (h, w)
+    float32 expected camera z [m] of the same view at any resolution, 0 or not finite for none."""
     point = np.array(pixel) + 0.5
     height, width = depth.shape
     # The pixel of the depth map that contains the point; depths across an edge must not be averaged.

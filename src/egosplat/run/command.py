@@ -32,11 +32,8 @@ def make_scene(
 ) -> Scene:
     """Write the row of a recording, a file or folder, with the keys ``options``, and run the workflow to the scene's page.
 
-    None is for the name of the source, the preset of the configuration, and all processors.
-
-    Raises:
-        UserError: the source is no recording, the name is taken, a key is wrong, or a step failed.
-        KeyboardInterrupt: after Snakemake has ended.
+    None is for the name of the source, the preset of the configuration, and all processors. UserError: the source is no
+    recording, the name is taken, a key is wrong, or a step failed.
     """
     settings = [f"preset={preset}"] if preset else []
     config, _ = read_configuration([], settings)
@@ -68,10 +65,8 @@ def make_scene(
 
 
 def run_snakemake(words: Sequence[str]) -> int:
-    """Run Snakemake, and get its exit status. A signal that ends this process ends Snakemake and its steps first.
-
-    They remove their unfinished outputs; a second Ctrl-C kills them.
-    """
+    """Run Snakemake, and get its exit status. A signal that ends this process ends Snakemake and its steps first, which remove
+    their unfinished outputs; a second Ctrl-C kills them."""
     # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by this process.
     for ending in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(ending, signal.default_int_handler)
@@ -101,11 +96,8 @@ def split_name(name: str) -> tuple[str, str]:
 
 # The local table of scenes, which git ignores, has one row for each recording that was given.
 def put_row(config: LayeredConfig, row: Mapping[str, str]) -> Scene:
-    """Write a scene's row into the local table, in place of that of the same recording.
-
-    Raises:
-        UserError: a key is wrong, or another recording has the name. In the local table one that is gone frees it.
-    """
+    """Write a scene's row into the local table, in place of that of the same recording (UserError: a key is wrong, or another
+    recording has the name, which in the local table one that is gone frees)."""
     scene = scene_of_row(dict(row), config, f"{row['dataset']}/{row['scene']}")
     path = local_table(config)
     for table in filter(Path.exists, tables_of(config)):

@@ -22,10 +22,8 @@ from egosplat.pipeline.variants import artifact_path, chosen_value, method_of, p
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A scene, or its ``variant``, on which a stage works, alone on the ``chunk`` of frames of that number.
-
-    ``wait`` waits until the survey in a folder of the scene is made.
-    """
+    """A scene, or its ``variant``, on which a stage works, alone on the ``chunk`` of frames of that number; ``wait`` waits
+    until the survey in a folder of the scene is made."""
 
     scene: Scene
     variant: str | None = None

@@ -62,15 +62,8 @@ def name_of(given: Path) -> str:
 
 
 def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
-    """Find what a file or folder is. A .zip is unpacked.
-
-    Args:
-        known_poses: ``frames.known_poses``.
-        unpacked: the folder beside which a .zip is unpacked, under this name and a digest.
-
-    Raises:
-        UserError: it is missing, or no recording.
-    """
+    """Find what a file or folder is, by ``frames.known_poses`` (UserError: it is missing, or no recording). A .zip is unpacked
+    beside ``unpacked``, under this name and a digest."""
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:/", str(given)):
         raise UserError(f"{given}: is a URL; download it and give the file")
     if not given.exists():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import Query, categories, find_queries, read_map
+from egosplat.evaluation.queries import Query, categories, find_queries, read_layers
 
 ALL = ScoringOptions(min_area=0.0, excluded=(), people=True)
 
@@ -62,5 +62,5 @@ def test_only_valid_pixels_count(annotations, instance_map):
     valid = np.zeros(instance_map.shape, bool)
     valid[:11] = True
     assert [one.category for one in find_queries(artifact, valid, ALL)] == ["dining chair", "shelter"]
-    assert (read_map(artifact, 0, valid)[11:] == -1).all()
-    np.testing.assert_array_equal(read_map(artifact, 0, valid)[:11], instance_map[:11])
+    assert (read_layers(artifact, 0, valid)[0][11:] == -1).all()
+    np.testing.assert_array_equal(read_layers(artifact, 0, valid)[0][:11], instance_map[:11])
