@@ -19,12 +19,13 @@ from projectaria_tools.core.stream_id import StreamId
 
 from egosplat.calibration.files import ADT_VIDEOS, adt_video, recording_origin
 from egosplat.errors import UserError
-from egosplat.frames.native_log import captured_log, log_messages
+from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import Recording
 from egosplat.frames.rectify import Rectification, clockwise_turns, pinhole
 from egosplat.frames.selection import select_frames
 from egosplat.geometry import Camera
+from egosplat.progress import log
 
 Read = TypeVar("Read")
 
@@ -89,7 +90,8 @@ def read_checked(
     told = [*messages, *failure]
     if reason := next(filter(faults.search, told), failure and "; ".join(told)):
         raise UserError(f"{path}: {what}cannot be read ({reason}). Download it again.")
-    log_messages(messages, path)
+    for message in dict.fromkeys(messages):
+        log(f"{path}: {message}")
     return value
 
 

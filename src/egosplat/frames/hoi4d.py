@@ -68,8 +68,7 @@ _MAX_UNKNOWN_SHARE = 0.01
 def open_recording(path: Path, options: FramesOptions) -> Recording:
     """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root folder.
 
-    Raises:
-        UserError: the sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected.
+    UserError if the sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected.
     """
     folder = find_sequence(path)
     video = open_video(folder / HOI4D_VIDEO)

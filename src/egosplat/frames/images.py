@@ -39,8 +39,7 @@ class Picture:
         path, name: its file or the video, and its path from the folder or the frame's number from 0.
         stored: width and height in the file [px].
         orientation, alpha: by EXIF, and whether it may have transparent pixels.
-        moving: instant-ngp's mask, whose pixels that are not black are left out; None without one.
-        mask: that of its known poses, whose black pixels are left out; None without one.
+        masks: each with whether its pixels that are not black are left out, as instant-ngp's are, or its black ones.
         lens: the index of its lens.
     """
 
@@ -49,8 +48,7 @@ class Picture:
     stored: tuple[int, int]
     orientation: int = 1
     alpha: bool = False
-    moving: Path | None = None
-    mask: Path | None = None
+    masks: tuple[tuple[Path, bool], ...] = ()
     lens: int = 0
 
 
@@ -73,10 +71,9 @@ class Source:
     @cached_property
     def sizes(self) -> list[tuple[int, int]]:
         """Width and height of each picture [px]."""
-        return [
-            (height, width) if self.turned and orientation in _TRANSPOSED else (width, height)
-            for orientation, (width, height) in ((p.orientation, p.stored) for p in self.pictures)
-        ]
+        lies = [self.turned and picture.orientation in _TRANSPOSED for picture in self.pictures]
+        stored = [picture.stored for picture in self.pictures]
+        return [(h, w) if lie else (w, h) for lie, (w, h) in zip(lies, stored, strict=True)]
 
     @property
     def size(self) -> tuple[int, int]:
@@ -116,8 +113,7 @@ class Source:
 def open_folder(path: Path, folders: Sequence[Path], *, turned: bool) -> Source:
     """Read the headers of the png, jpg and jpeg pictures in folders of ``path``, one a second in natural order (2 before 10).
 
-    Raises:
-        UserError: there is no picture, or one is damaged or twice there.
+    UserError if there is no picture, or one is damaged or twice there.
     """
     listed = [image for each in folders for image in sorted(list_pictures(each), key=natural_key)]
     others = _other_formats(folders)
@@ -133,7 +129,7 @@ def open_folder(path: Path, folders: Sequence[Path], *, turned: bool) -> Source:
     masks = {mask for each in folders for mask in dynamic_masks(each)}
     pictures = [_read_header(image, path, masks) for image in listed]
     if masks:
-        used = sum(picture.moving is not None for picture in pictures)
+        used = sum(len(picture.masks) for picture in pictures)
         log(f"{path}: {used} of {len(masks)} {DYNAMIC_MASK}*.png leave pixels of a picture out")
     return Source(path, pictures, np.arange(len(pictures), dtype=np.int64) * INTERVAL_NS, turned)
 
@@ -143,7 +139,9 @@ def _read_header(path: Path, folder: Path, masks: set[Path]) -> Picture:
     with open_image(path) as image:
         orientation, alpha = image.getexif().get(_ORIENTATION_TAG, 1), image.has_transparency_data
         name = os.path.relpath(path, folder)
-        return Picture(path, name, image.size, orientation, alpha, moving if moving in masks else None)
+        return Picture(
+            path, name, image.size, orientation, alpha, ((moving, True),) if moving in masks else ()
+        )
 
 
 def _other_formats(folders: Sequence[Path]) -> str:

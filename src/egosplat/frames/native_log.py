@@ -9,9 +9,6 @@ import re
 import sys
 import tempfile
 from collections.abc import Iterator
-from pathlib import Path
-
-from egosplat.progress import log
 
 # Colors, and FFmpeg's address of a part of itself: [av1 @ 0x562b62ae5580].
 _NOISE = re.compile(r"\x1b\[[0-9;]*m| @ 0x[0-9a-f]+")
@@ -27,7 +24,7 @@ _CHATTER = re.compile(
 def captured_log() -> Iterator[list[str]]:
     """Capture the messages that C++ code logs inside the block, without chatter; they appear nowhere else.
 
-    The list is filled when the block ends. Pass the messages to ``log_messages`` or put them into an error.
+    The list is filled when the block ends. Log the messages or put them into an error.
     """
     # C++ writes to file descriptors 1 and 2, so redirecting sys.stdout and sys.stderr would not catch it.
     messages: list[str] = []
@@ -47,9 +44,3 @@ def captured_log() -> Iterator[list[str]]:
             text = sink.read().decode(errors="replace")
             lines = [_NOISE.sub("", line).strip() for line in text.splitlines()]
             messages += [line for line in lines if line and not _CHATTER.search(line)]
-
-
-def log_messages(messages: list[str], path: Path) -> None:
-    """Log each message of a library about ``path`` once."""
-    for message in dict.fromkeys(messages):
-        log(f"{path}: {message}")

@@ -70,7 +70,7 @@ class Pictures:
         """Whether the mask of a frame may differ from that of the first."""
         first, bordered = self.source.pictures[0], not self.valid.all()
         return any(
-            picture.alpha or picture.mask or picture.moving or (bordered and picture.lens != first.lens)
+            picture.alpha or picture.masks or (bordered and picture.lens != first.lens)
             for picture in self.source.pictures
         )
 
@@ -79,10 +79,8 @@ class Pictures:
         picture, (width, height) = self.source.pictures[index], self.source.sizes[index]
         # With pictures of several sizes ``valid.png`` is refused.
         shown = self.valid if self.valid.shape == (height, width) else np.ones((height, width), bool)
-        if picture.mask:
-            shown = shown & read_mask(picture.mask, width, height)
-        if picture.moving:
-            shown = shown & ~read_mask(picture.moving, width, height)
+        for path, hides in picture.masks:
+            shown = shown & (read_mask(path, width, height) ^ hides)
         if picture.alpha:
             shown = shown & self.source.read_opaque(index)
         if rectifier := self._rectifier(index):
@@ -91,13 +89,9 @@ class Pictures:
 
 
 def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled | None = None) -> Recording:
-    """Open a video or a folder of images, one a second; select frames and find the camera.
+    """Open a video or a folder of images; UserError if it or its calibration cannot be read, or no frame is selected.
 
-    Args:
-        find_labeled: the indices of the labeled ones among pictures of given names; these are taken whatever the stride.
-
-    Raises:
-        UserError: the source or the calibration cannot be read, or no frame is selected.
+    ``find_labeled`` gives indices of labeled pictures among names; these are taken whatever the stride.
     """
     kind = known_poses.find_known_poses(path, options.known_poses)
     every = calibrate(path, kind, open_source(path, kind))
@@ -166,10 +160,12 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
                 raise UserError(f"{source.path}: a video has one camera, but its known poses have several.")
             log(f"{source.path}: leaves out {absent} pictures whose camera is not known")
             source, row = source.keep(np.flatnonzero(row >= 0)), row[row >= 0]
-    masks = [contents.masks[entry] if contents.masks and entry >= 0 else None for entry in row]
-    # Without an entry the last one stands, which has the only lens.
-    matched = zip(source.pictures, contents.lens_of[row].tolist(), masks, strict=True)
-    pictures = [replace(picture, lens=lens, mask=mask) for picture, lens, mask in matched]
+    pictures = []
+    for picture, entry in zip(source.pictures, row, strict=True):
+        mask = contents.masks[entry] if contents.masks and entry >= 0 else None
+        masks = (*picture.masks, (mask, False)) if mask else picture.masks
+        # Without an entry the last one stands, which has the only lens.
+        pictures.append(replace(picture, lens=int(contents.lens_of[entry]), masks=masks))
     source = replace(source, pictures=pictures, lenses=contents.lenses)
     # COLMAP reads pictures as they are stored; they are turned by EXIF only if this is their camera's size.
     if _misfit(source) is not None and _misfit(turned := replace(source, turned=True)) is None:

@@ -17,13 +17,9 @@ _AUTO_EVALUATION_FRAMES, _FRAMES_PER_EVALUATION_FRAME = 12, 6
 
 
 def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, source: Path) -> NDArray[np.int64]:
-    """Select every ``stride``-th frame of the time range start_s <= t < end_s.
+    """Indices, (F,) int64, of every ``stride``-th of (N,) times in the range start_s <= t < end_s, the first one included.
 
-    Returns:
-        (F,) int64 indices into the (N,) times, F >= 1; the first frame of the range is one.
-
-    Raises:
-        UserError: the times do not increase, or no frame is in the range.
+    UserError if the times do not increase, or no frame is in the range.
     """
     start_s, end_s = options.start_s, options.end_s
     if not (np.diff(timestamp_ns) > 0).all():
@@ -49,11 +45,7 @@ def split_frames(
         annotated: without annotations there is no query to score, so that auto lets every frame train.
         labeled: the frames that alone may be chosen, increasing: parts are then of these; None if all may.
 
-    Returns:
-        Two (count,) bool arrays: training frames, evaluation frames.
-
-    Raises:
-        UserError: there are too few frames for the split.
+    Returns two (count,) bool arrays, training and evaluation frames; UserError if there are too few frames for the split.
     """
     if count < _MIN_TRAINING_FRAMES:
         more = "add pictures, or take more of them (frames.stride, frames.start_s, frames.end_s)"

@@ -17,11 +17,7 @@ from egosplat.progress import log, track
 
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
-    """Read a recording of a given format and write its frames artifact.
-
-    Raises:
-        UserError: the recording is missing or damaged, or the keys select no frame.
-    """
+    """Read a recording and write its frames artifact; UserError if it is missing or damaged, or the keys select no frame."""
     recording = open_recording(format, recording_path, options)
     count, valid = len(recording.timestamp_ns), recording.valid
     annotated = is_annotated(format, recording_path)

@@ -42,8 +42,7 @@ class Video(Source):
 def open_video(path: Path) -> Video:
     """Scan a video for the presentation times of its frames, which are rebuilt if they do not increase.
 
-    Raises:
-        UserError: it is missing, no frame can be decoded, or its pixels are not square.
+    UserError if it is missing, no frame can be decoded, or its pixels are not square.
     """
     # The frame count and rate in the header are unreliable.
     capture, messages = _open(path), []
