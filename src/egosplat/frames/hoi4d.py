@@ -40,15 +40,7 @@ _LABELS: dict[str, tuple[str, ...]] = {
     "C5": ("bottle", "bottle", "right hand", "mug"),
     "C6": ("safe", "body of the safe", "right hand", "door", "bottle"),
     "C7": ("bowl", "bowl", "right hand", "ball"),
-    "C8": (
-        "bucket",
-        "body of the bucket",
-        "right hand",
-        "handle",
-        "body of the bucket",
-        "handle",
-        "left hand",
-    ),
+    "C8": ("bucket", "body of the bucket", "right hand", "handle", "body of the bucket", "handle", "left hand"),
     "C9": ("scissors", "left part of the scissors", "right hand", "right part of the scissors"),
     "C11": ("pliers", "left part of the pliers", "right hand", "right part of the pliers"),
     "C12": ("kettle", "kettle", "right hand", "mug"),
@@ -57,7 +49,7 @@ _LABELS: dict[str, tuple[str, ...]] = {
     "C17": ("lamp", "base", "right hand", "tube", "top link", "bottom link", "left hand"),
     "C18": ("stapler", "base", "right hand", "slot", "lid", "paper"),
     "C20": ("chair", "chair", "right hand", "left hand"),
-}
+}  # fmt: skip
 _MAX_LABEL = 6
 # RGB of labels 0 to 6: their bits are the highest of red, green and blue.
 COLORS = 128 * (np.arange(_MAX_LABEL + 1)[:, None] >> np.arange(3) & 1)
