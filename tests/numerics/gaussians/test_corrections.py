@@ -39,16 +39,8 @@ def test_rotation_and_its_gradient(measured, angle):
 
 def one_frame(brightness: int) -> Views:
     picture = torch.full((1, 24, 24, 3), brightness, dtype=torch.uint8)
-    poses = np.eye(4)[None].copy()
-    return Views(
-        np.zeros(1, np.int64),
-        picture,
-        poses,
-        None,
-        None,
-        Camera(24, 24, 22.0, 22.0, 12.0, 12.0),
-        torch.device("cpu"),
-    )
+    camera, frame = Camera(24, 24, 22.0, 22.0, 12.0, 12.0), np.zeros(1, np.int64)
+    return Views(frame, picture, np.eye(4)[None].copy(), None, None, camera, torch.device("cpu"))
 
 
 @pytest.mark.numerics(

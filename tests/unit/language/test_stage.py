@@ -18,31 +18,16 @@ from egosplat.pipeline.stages import code_of
 from egosplat.splats import stage as splats_stage
 
 KEYS = stage_values("language", defaults()) | {"iterations": 20, "lr": 0.02}
-SPLATS = (
-    defaults()["camera"]
-    | defaults()["splats"]
-    | {
-        "iterations": 20,
-        "max_gaussians": 300,
-        "evaluate_every": 20,
-        "sh_degree": 0,
-        "masking": "none",
-    }
-)
+SPLATS = defaults()["camera"] | defaults()["splats"]
+SPLATS |= {"iterations": 20, "max_gaussians": 300, "evaluate_every": 20, "sh_degree": 0, "masking": "none"}
 GEOMETRY = "geometry shared, of 20 iterations"
 
 
 def train(folder: Path, **changes: object) -> None:
-    paths = {
-        f"{name}_path": folder / f"{name}.zarr" for name in ("masks", "transient", "instances", "features")
-    }
-    splats_stage.run(
-        folder / "frames.zarr",
-        folder / "poses.zarr",
-        folder / "splats.zarr",
-        splats_stage.SplatsOptions(**SPLATS | changes),
-        **paths,
-    )
+    names = ("masks", "transient", "instances", "features")
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in names}
+    needed = (folder / f"{name}.zarr" for name in ("frames", "poses", "splats"))
+    splats_stage.run(*needed, splats_stage.SplatsOptions(**SPLATS | changes), **paths)
 
 
 def run(
@@ -204,8 +189,6 @@ def test_joint_training_needs_segments_and_features(scene):
     folder = scene()
     with pytest.raises(UserError, match="--instances.*--features"):
         splats_stage.run(
-            folder / "frames.zarr",
-            folder / "poses.zarr",
-            folder / "s.zarr",
+            *(folder / f"{name}.zarr" for name in ("frames", "poses", "s")),
             splats_stage.SplatsOptions(**SPLATS | {"language": "joint"}),
         )
