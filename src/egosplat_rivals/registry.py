@@ -28,10 +28,7 @@ SECTIONS = {
 # Modules by stage and by the value that chooses them.
 MODULES = {
     "frames": {"lerf": "egosplat_rivals.formats.lerf", "3d_ovs": "egosplat_rivals.formats.ovs"},
-    "annotations": {
-        "lerf": "egosplat_rivals.formats.lerf",
-        "3d_ovs": "egosplat_rivals.formats.ovs",
-    },
+    "annotations": {"lerf": "egosplat_rivals.formats.lerf", "3d_ovs": "egosplat_rivals.formats.ovs"},
     "language": {
         "trained": "egosplat_rivals.langsplat",
         "projected": "egosplat_rivals.semantic_gaussians",
