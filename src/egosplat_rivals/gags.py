@@ -67,12 +67,9 @@ def entropy(weights: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """S pixels drawn from R regions.
+    """S pixels drawn from R regions: (S,) int64 index of each, and its region in [0, R), sorted.
 
-    Attributes:
-        pixel: (S,) int64 index among the pixels that were drawn from.
-        region: (S,) int64 in [0, R), sorted.
-        size, drawn: (R,) int64 pixels that each region has in all, and that were drawn from it.
+    ``size`` and ``drawn`` are the (R,) int64 pixels that each region has in all, and that were drawn from it.
     """
 
     pixel: Tensor

@@ -76,14 +76,9 @@ def adam(groups: Iterable[tuple[Iterable[nn.Parameter], float]]) -> torch.optim.
 
 
 def train(trainee: Trainee, views: int, iterations: int, seed: int, checkpoint: Checkpoint) -> Curve:
-    """Train to the last iteration, from the checkpoint if there is one.
+    """Train to the last iteration, from the checkpoint if there is one; each of the views is taken once before any is again.
 
     A killed training that goes on ends with the same parameters (on a GPU up to the order of sums).
-
-    Args:
-        trainee: holds the result afterwards.
-        views: number of views. Each is taken once before any is taken again.
-        seed: of the order of views, and of what the loss draws.
 
     Raises:
         UserError: training diverges. The checkpoint is removed, because resuming would diverge again.

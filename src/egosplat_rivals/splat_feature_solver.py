@@ -28,10 +28,7 @@ def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptio
     """Method ``lift_clusters``: lifted codes; those of a cluster become the mean code of the masks that agree with it.
 
     Each level is clustered by itself. Gaussians in no cluster, or in one that no mask agrees with, keep their lifted
-    code.
-
-    Raises:
-        UserError: scikit-learn is not installed.
+    code. UserError if scikit-learn is not installed.
     """
     if importlib.util.find_spec("sklearn") is None:
         raise UserError(
@@ -58,13 +55,10 @@ def sharpen(gaussians: Gaussians) -> Gaussians:
 
 
 def mask_means(views: CodeViews, targets: CodeTargets, labels: Tensor) -> tuple[Tensor, Tensor]:
-    """Average the codes of the masks that agree with each cluster, each mask of a frame counting once.
+    """Average the codes of the masks that agree with each of K clusters, each mask of a frame counting once.
 
-    Args:
-        labels: (N, L) int64 cluster of each Gaussian at each level, -1 for none.
-
-    Returns:
-        (L, K + 1, C) means of K clusters, and (L, K + 1) whether any mask agrees; the last row is 0.
+    ``labels`` are the (N, L) int64 cluster of each Gaussian at each level, -1 for none. Returns (L, K + 1, C) means, and
+    (L, K + 1) whether any mask agrees; the last row is 0.
     """
     shape = labels.shape[1], int(labels.max()) + 2
     sums = torch.zeros(*shape, targets.channels, device=views.device)
@@ -89,13 +83,9 @@ def _members(column: NDArray[np.int64], count: int) -> sparse.csr_array:
 
 
 def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
-    """Find the masks of a picture that overlap with their most frequent cluster by an IoU above ``AGREEMENT``.
+    """(M,) int64 masks of a picture that overlap with their most frequent cluster by an IoU above ``AGREEMENT``, and those.
 
-    Args:
-        masks, clusters, weight: (H, W) int64 index, -1 for none, and weight of each pixel; None for ones.
-
-    Returns:
-        (M,) int64 masks, and (M,) their clusters.
+    ``masks`` and ``clusters`` are (H, W) int64, -1 for none; ``weight`` that of each pixel, None for ones.
     """
     names, mask = masks.unique(return_inverse=True)
     count = int(clusters.max()) + 2

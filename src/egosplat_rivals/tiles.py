@@ -45,15 +45,9 @@ def _scale(ratio: float, height: int, width: int) -> Scale:
 
 
 def at_pixels(tiles: Tensor, scale: Scale, pixels: Tensor) -> Tensor:
-    """Interpolate (rows, columns, D) features of tiles bilinearly between their centers; not normalized.
+    """(P, D) float32 features of (rows, columns, D) tiles, bilinear between their centers at (P, 2) columns and rows.
 
-    Beyond the last tile, the last one continues.
-
-    Args:
-        pixels: (P, 2) columns and rows, integers.
-
-    Returns:
-        (P, D) float32.
+    They are not normalized. Beyond the last tile, the last one continues.
     """
     at = (pixels - scale.first) / scale.stride
     most = torch.tensor([scale.columns - 1, scale.rows - 1])

@@ -142,12 +142,8 @@ def image_maps(
 ) -> tuple[NDArray[np.float16], float]:
     """Encode frames at SAM2's coarsest resolution, one sixteenth of its square, and keep the principal components.
 
-    Args:
-        images: returns the (H, W, 3) uint8 image of a frame, by its row.
-
-    Returns:
-        (V, h, w, K) float16: components of the channels, each channel of mean 0 and variance 1 over the scene; and
-        the part of the variance that they keep.
+    (V, h, w, K) float16 components of the channels, each channel of mean 0 and variance 1 over the scene; and the part of the
+    variance that they keep. ``images`` gives the (H, W, 3) uint8 image of a frame, by its row.
     """
     few = rows[np.linspace(0, len(rows) - 1, min(len(rows), _FRAMES)).astype(int)]
     sample = torch.cat([_map(sam2, images(row)).flatten(0, 1) for row in few]).double()

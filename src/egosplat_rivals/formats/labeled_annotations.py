@@ -38,15 +38,10 @@ def find_labels(format: str, path: Path) -> dict[str, Path]:
 
 
 def match_labels(labels: Mapping[str, Path], pictures: Sequence[str]) -> dict[int, Path]:
-    """The labels of a benchmark by the index of the picture, in its order.
+    """The labels of a benchmark by the index of the picture, in its order; UserError for one of no picture, or of two.
 
-    Args:
-        labels: by the name of the picture, without folder and extension; or by its place in the natural order, from 0, if no
-            picture is named by a number.
-        pictures: names of the pictures.
-
-    Raises:
-        UserError: a label belongs to no picture, or to two.
+    ``labels`` are by the name of the picture, without folder and extension; or by its place in the natural order, from 0, if
+    no picture is named by a number.
     """
     stems = [PurePosixPath(name).stem for name in pictures]
     numbered = any(stem.isdecimal() for stem in stems)
@@ -72,12 +67,10 @@ def annotate(
     instances: Sequence[str],
     read_objects: Callable[[Path, tuple[int, int]], Sequence[LabeledObject]],
 ) -> Annotations:
-    """Read the labels of the pictures in the folder of a recording, as they lie in its frames.
+    """Read the labels of ``match_labels`` of the pictures in the folder of a recording, as they lie in its frames.
 
-    Args:
-        labels: as of ``match_labels``.
-        instances: category of each instance. Several of one category are told apart by numbers.
-        read_objects: reads the objects of a label, for a picture of a width and height.
+    ``instances`` are the category of each instance; several of one category are told apart by numbers. ``read_objects`` reads
+    the objects of a label, for a picture of a width and height.
     """
     source = open_source(path, keys.known_poses, turned=keys.turned)
     layers = {}
