@@ -23,9 +23,8 @@ class _Attributes(dict[str, Any]):
     def __init__(self, values: Mapping[str, Any], path: Path) -> None:
         self.path = path
         super().__init__(values)
-        self.update(
-            (key, _Attributes(value, path)) for key, value in values.items() if isinstance(value, dict)
-        )
+        inner = {key: value for key, value in values.items() if isinstance(value, dict)}
+        self.update({key: _Attributes(value, path) for key, value in inner.items()})
 
     def __missing__(self, key: str) -> Any:
         raise damaged(self.path, f"its attributes lack {key!r}")

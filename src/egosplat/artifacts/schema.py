@@ -40,7 +40,10 @@ class Values:
         if not values.size or not self.limits(values.dtype):
             return ""
         most = self.most if self.below is None else min(self.most, sizes.get(self.below, math.inf) - 1)
-        if not self._are_within(values, most):
+        # Two reductions need no memory and are several times as fast as a test of each number. NaN compares as false.
+        lowest, highest = (np.fmin, np.fmax) if self.nan else (np.minimum, np.maximum)
+        low, high = (each.reduce(values, axis=None).item() for each in (lowest, highest))
+        if not ((low >= self.least and high <= most) or (self.nan and math.isnan(low))):
             numbers = values.astype(np.float64)
             bad = ~((numbers >= self.least) & (numbers <= most)) & ~(self.nan & np.isnan(numbers))
             count = f"{np.sum(bad):,} of {bad.size:,} numbers are not"
@@ -48,12 +51,6 @@ class Values:
         if self.form is not None and not (good := self.form[1](values)).all():
             return f"must be {self.form[0]}, and {np.sum(~good):,} of {np.size(good):,} are not"
         return ""
-
-    def _are_within(self, values: NDArray[Any], most: float) -> bool:
-        # Two reductions need no memory and are several times as fast as a test of each number. NaN compares as false.
-        lowest, highest = (np.fmin, np.fmax) if self.nan else (np.minimum, np.maximum)
-        low, high = (each.reduce(values, axis=None).item() for each in (lowest, highest))
-        return (low >= self.least and high <= most) or (self.nan and math.isnan(low))
 
     def _range(self, most: float) -> str:
         if most < _LARGEST:

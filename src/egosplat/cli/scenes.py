@@ -1,7 +1,7 @@
 """Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``page``, ``view``, ``export`` and ``movie``."""
 
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -27,10 +27,8 @@ def on_folder(options: type[Options], own: str, about: str) -> Callable[..., Key
     """Make a command of a function of a scene's ``folder`` and ``options``, whose keys are in the section ``own``."""
 
     def decorate(function: Callable[..., None]) -> KeysCommand:
-        function = click.argument("folder", type=ARTIFACT)(function)
-        return click.command(cls=KeysCommand, options=options, own=own, brief=True, short_help=about)(
-            function
-        )
+        made = click.command(cls=KeysCommand, options=options, own=own, brief=True, short_help=about)
+        return made(click.argument("folder", type=ARTIFACT)(function))
 
     return decorate
 
@@ -145,19 +143,15 @@ class RunCommand(click.Command):
     """A command whose option ``--words`` takes several words."""
 
     def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        return super().parse_args(context, spread(args))
-
-
-def spread(args: Sequence[str]) -> list[str]:
-    """Repeat ``--words`` before each of the words behind it, as click needs it."""
-    words, inside = [], False
-    for word, following in zip(args, [*args[1:], "-"], strict=True):
-        if word == "--words" and not following.startswith("-"):
-            inside = True
-            continue
-        inside = inside and not word.startswith("-")
-        words += ["--words", word] if inside else [word]
-    return words
+        # Click needs ``--words`` before each word.
+        words, inside = [], False
+        for word, following in zip(args, [*args[1:], "-"], strict=True):
+            if word == "--words" and not following.startswith("-"):
+                inside = True
+                continue
+            inside = inside and not word.startswith("-")
+            words += ["--words", word] if inside else [word]
+        return super().parse_args(context, words)
 
 
 @click.command(

@@ -105,14 +105,12 @@ def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, sp
     held_out = {frame: row for row, frame in enumerate(splats.read("held_out/frame").tolist())}
     index = annotations.read("frame")
     flags = annotations.read("annotated"), poses.read("registered")[index], frames.read("train")[index]
-    rows = zip(index.tolist(), np.stack(flags, axis=1).tolist(), strict=True)
+    rows = enumerate(zip(index.tolist(), np.stack(flags, axis=1).tolist(), strict=True))
     return Evaluation(
         frames_artifact=frames,
         annotations=annotations,
         splats=splats,
-        frames=[
-            Frame(row, frame, *given, held_out=held_out.get(frame)) for row, (frame, given) in enumerate(rows)
-        ],
+        frames=[Frame(row, frame, *given, held_out=held_out.get(frame)) for row, (frame, given) in rows],
         instances=instances_of(annotations),
         valid=frames.read("valid"),
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),

@@ -32,9 +32,8 @@ def presence_phrases(
 ) -> tuple[list[str], list[str]]:
     """The sorted categories of the queries, and the negatives that are no category of the recording, in their order."""
     known = {instance.category for instance in instances}
-    return sorted({query.category for query in queries}), [
-        phrase for phrase in negatives if phrase not in known
-    ]
+    absent = [phrase for phrase in negatives if phrase not in known]
+    return sorted({query.category for query in queries}), absent
 
 
 def ask_presence(

@@ -68,9 +68,8 @@ def run(
     record = provenance.begin_from("metrics", keys, used, models)
     evaluation = read_evaluation(frames, poses, annotations, splats)
     queries = evaluation.find_queries(options)
-    ask = ask_of(
-        evaluation, scene.asker(phrases_to_ask(queries, evaluation.instances, options)), options.masks
-    )
+    asker = scene.asker(phrases_to_ask(queries, evaluation.instances, options))
+    ask = ask_of(evaluation, asker, options.masks)
     answered = list(run_queries(queries, ask, annotations, evaluation.valid, options))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence = presence_entry(ask_presence(*phrases, evaluation, scene), options.min_score)
@@ -79,6 +78,7 @@ def run(
     answers = answer_entries(answered, evaluation, rendering, options.masks)
     overall = answers["scores"]["all"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of(*used), *find_chance_alarm(overall)]
+    told = {"preset": preset, "world_seed": world_seed, "camera": camera}
     document = {
         "scene": title,
         **({} if method is None else {"method": method}),
@@ -89,9 +89,7 @@ def run(
         "presence": presence,
         "length_unit": length_unit(poses),
         **answers,
-        **provenance_entries(
-            record, made_from, {"preset": preset, "world_seed": world_seed, "camera": camera}
-        ),
+        **provenance_entries(record, made_from, told),
     }
     if splats.has("held_out/render_given"):
         given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]

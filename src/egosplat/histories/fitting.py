@@ -79,9 +79,8 @@ def essential(gaussians: Gaussians, views: Sequence[PlaceView], recording: Recor
     """Those Gaussians that are mostly where the error falls; the others repeat the scene around the thing."""
     total = torch.zeros(gaussians.count, 2, dtype=torch.float64)
     for view in views:
-        pixels = torch.from_numpy(
-            np.stack([improved(view, gaussians, recording), view.shown], axis=-1)
-        ).float()
+        both = np.stack([improved(view, gaussians, recording), view.shown], axis=-1)
+        pixels = torch.from_numpy(both).float()
         every = view.with_scene(recording, gaussians)
         seen = view_of(every, view.camera, view.camera_to_world, recording.settings)
         total += sum_over_pixels(seen, pixels.to(every.means.device))[-gaussians.count :].double().cpu()

@@ -136,6 +136,7 @@ def _columns_of_rests(
     empty = recording.gaussians.select(torch.arange(0))
     every = Gaussians.concatenate([*(rest.gaussians for rest in rests), empty])
     names = [name for name in PARAMETERS if name != "features"]
+    counts = [rest.gaussians.count for rest in rests]
     return {
         "rests/from_frame": [rest.frames[0] for rest in rests],
         "rests/until_frame": [rest.frames[1] for rest in rests],
@@ -147,7 +148,5 @@ def _columns_of_rests(
         "rests/best_frame": [frame for frame, _, _ in looks],
         "rests/box": [box for _, box, _ in looks],
         "rests/feature": [feature for _, _, feature in looks],
-        "gaussians/rest": np.repeat(
-            np.arange(len(rests), dtype=np.int32), [rest.gaussians.count for rest in rests]
-        ),
+        "gaussians/rest": np.repeat(np.arange(len(rests), dtype=np.int32), counts),
     } | {f"gaussians/{name}": getattr(every, name).cpu().numpy() for name in names}

@@ -49,10 +49,8 @@ def run(
     if at is not None:
         viewpoint = _viewpoint_at(scene, viewpoint, at)
     place = "the whole scene" if viewpoint is None else viewpoint.name
-    lines = [
-        f"{scene.folder}, {place}, origin {scene.origin}",
-        notice_of_artifacts(scene.made_from.found.values()),
-    ]
+    notice = notice_of_artifacts(scene.made_from.found.values())
+    lines = [f"{scene.folder}, {place}, origin {scene.origin}", notice]
     grading, columns = Grading(None, scene.options.min_score), ("pixel", "position [{}]")
     if viewpoint is None:
         grading, columns = scene.grading(), ("center [{}]", "size [{}]", "frame")
@@ -61,9 +59,8 @@ def run(
     title, queries = "\n".join(filter(None, lines)), list(dict.fromkeys(map(clean_phrase, phrases)))
     rows = [("query", "answer", grading.measure, "level", *(name.format(scene.unit) for name in columns))]
     kept: list[Answer] = []
-    for answer in track(
-        scene.answers(queries, most, viewpoint), "queries", unit="answer", total=len(queries)
-    ):
+    answers = scene.answers(queries, most, viewpoint)
+    for answer in track(answers, "queries", unit="answer", total=len(queries)):
         rows += _rows(answer, grading)
         # Answers in a view hold maps of its size: those that are drawn are kept.
         if viewpoint is None or len(kept) < MOST_DRAWN:

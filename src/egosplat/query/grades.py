@@ -87,10 +87,11 @@ class Grading:
     @property
     def notice(self) -> str | None:
         """A line for where no calibration holds."""
-        told = (
+        if self.calibration is not None:
+            return None
+        return (
             f"not calibrated: an answer is found from a score of {self._limit}, and there are no best guesses"
         )
-        return told if self.calibration is None else None
 
     @property
     def _limit(self) -> str:

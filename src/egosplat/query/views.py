@@ -153,9 +153,8 @@ def answer_from_relevancies(
             yield match
             continue
         level = view.levels.index(match.level)
-        located.append(
-            (match, level, maps.threshold(level, options.segmentation_threshold), maps.shown[level])
-        )
+        threshold = maps.threshold(level, options.segmentation_threshold)
+        located.append((match, level, threshold, maps.shown[level]))
     if located:
         matches, levels, thresholds, shown = zip(*located, strict=True)
         side = options.majority_px(max(view.valid.shape))
@@ -220,9 +219,8 @@ def show_thing(
     of_level = replace(scene, code=scene.code[:, kept], share=scene.share[:, kept], levels=scene.levels[kept])
     [match] = Asker(of_level, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
     pixel, name = innermost(mask) if mask.any() else None, thing.level
-    return replace(
-        match, score=thing.score, level=name, pixel=pixel, position=None, mask_level=name, mask=mask
-    )
+    place = {"level": name, "pixel": pixel, "position": None, "mask_level": name, "mask": mask}
+    return replace(match, score=thing.score, **place)
 
 
 def pixel_position(
