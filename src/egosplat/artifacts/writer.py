@@ -14,7 +14,7 @@ from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from egosplat.artifacts.integrity import ArtifactError, check_replaceable, digest_of, seal
 from egosplat.artifacts.provenance import Provenance
-from egosplat.artifacts.schema import Field, Schema, check_shape, sizes_of
+from egosplat.artifacts.schema import Schema, check_shape, sizes_of
 from egosplat.files import atomic_directory
 
 
@@ -33,8 +33,8 @@ class Writer:
     def put(self, name: str, values: NDArray[Any]) -> None:
         """Store a whole array; ValueError for another shape or element type, ArtifactError if a number is not allowed."""
         values = np.asarray(values)
-        if values.dtype != np.dtype(self._declared(name).dtype):
-            raise ValueError(f"{name}: {values.dtype} given, {self._declared(name).dtype} declared")
+        if values.dtype != np.dtype(declared := self._schema.fields[name].dtype):
+            raise ValueError(f"{name}: {values.dtype} given, {declared} declared")
         array = self._create(name, values.shape)
         self._check(name, values)
         array[...] = values
@@ -64,11 +64,11 @@ class Writer:
                 raise ValueError(f"artifact {self._schema.name}: {name} lacks {len(rows)} rows")
         sizes = sizes_of(self._sizes, self.facts)
         for name, highest in self._highest.items():
-            self._raise(name, self._declared(name).values.find_fault(np.array(highest), sizes))
+            self._raise(name, self._schema.fields[name].values.find_fault(np.array(highest), sizes))
 
     def _check(self, name: str, values: NDArray[Any]) -> None:
         """Check the numbers of an array or of a row."""
-        allowed = self._declared(name).values
+        allowed = self._schema.fields[name].values
         self._raise(name, allowed.find_fault(values, {}))
         # Labels are written before the instances are counted.
         if allowed.below is not None and values.size:
@@ -79,13 +79,8 @@ class Writer:
             advice = f"An input may be broken: egosplat check {shlex.quote(str(self._path.parent))}"
             raise ArtifactError(f"{self._path}: is not written: array {name!r} {fault}. {advice}")
 
-    def _declared(self, name: str) -> Field:
-        if name not in self._schema.fields:
-            raise ValueError(f"artifact {self._schema.name} declares no array {name!r}")
-        return self._schema.fields[name]
-
     def _create(self, name: str, shape: tuple[int, ...]) -> zarr.Array:
-        declared = self._declared(name)
+        declared = self._schema.fields[name]
         check_shape(declared, shape, self._sizes, name)
         rows = min(declared.by_row, shape[0]) if declared.by_row else shape[0]
         array = self._group.create_array(

@@ -37,15 +37,8 @@ SCENE = {
 
 # Flags of a stage whose frames jobs can share.
 CHUNKS: dict[str, dict[str, Any]] = {
-    "chunk": {
-        "type": click.IntRange(1),
-        "help": "Number of the chunk of frames to work on; the output has its results.",
-    },
-    "gather": {
-        "type": ARTIFACT,
-        "multiple": True,
-        "help": "Results of a chunk, of all in order, in place of the work.",
-    },
+    "chunk": {"type": click.IntRange(1), "help": "Number of the chunk of frames to work on."},
+    "gather": {"type": ARTIFACT, "multiple": True, "help": "Results of all chunks, in order."},
 }
 
 
@@ -149,14 +142,10 @@ def read_options(options: type[Options], own: str, given: Any, pairs: Iterable[s
 def path_flags(stage: str) -> list[click.Parameter]:
     """Make the flags of a stage: its paths, and what the table of scenes says."""
     about = STAGES[stage]
-    flags: dict[str, dict[str, Any]] = {
-        name: {
-            "type": ARTIFACT,
-            "required": name not in about.optional,
-            "help": f"{text[0].upper()}{text[1:]}.",
-        }
-        for name, text in path_help(about).items()
-    }
+    flags: dict[str, dict[str, Any]] = {}
+    for name, text in path_help(about).items():
+        told = f"{text[0].upper()}{text[1:]}."
+        flags[name] = {"type": ARTIFACT, "required": name not in about.optional, "help": told}
     flags |= {"overwrite": OVERWRITE} if stage in FILES else {}
     flags |= CHUNKS if about.by_chunks else {}
     for name in about.scene:

@@ -1,7 +1,7 @@
 """Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``page``, ``view``, ``export`` and ``movie``."""
 
 import shlex
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, get_args
 
@@ -143,15 +143,19 @@ class RunCommand(click.Command):
     """A command whose option ``--words`` takes several words."""
 
     def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        # Click needs ``--words`` before each word.
-        words, inside = [], False
-        for word, following in zip(args, [*args[1:], "-"], strict=True):
-            if word == "--words" and not following.startswith("-"):
-                inside = True
-                continue
-            inside = inside and not word.startswith("-")
-            words += ["--words", word] if inside else [word]
-        return super().parse_args(context, words)
+        return super().parse_args(context, spread(args))
+
+
+def spread(args: Sequence[str]) -> list[str]:
+    """Repeat ``--words`` before each of the words behind it, as click needs it."""
+    words, inside = [], False
+    for word, following in zip(args, [*args[1:], "-"], strict=True):
+        if word == "--words" and not following.startswith("-"):
+            inside = True
+            continue
+        inside = inside and not word.startswith("-")
+        words += ["--words", word] if inside else [word]
+    return words
 
 
 @click.command(

@@ -67,9 +67,8 @@ def machine_findings(config: Config) -> Iterator[Finding]:
         return library.variant()
 
     backend = config["run"]["backend"]
-    yield Finding(
-        Mark.OK, "Python", f"{platform.python_version()} on {platform.system()} {platform.machine()}"
-    )
+    system = f"{platform.system()} {platform.machine()}"
+    yield Finding(Mark.OK, "Python", f"{platform.python_version()} on {system}")
     yield Finding(Mark.OK, "PyTorch", f"{torch.__version__}, {torch.get_num_threads()} threads")
     yield _gpu(config)
     yield tried("gsplat", lambda: _gsplat(backend), Mark.MISSING if backend == "cuda" else Mark.NOTE)
@@ -100,8 +99,5 @@ def _gsplat(backend: str) -> str:
     if backend == "cuda" or (backend == "auto" and torch.cuda.is_available()):
         # An installed gsplat may still not compile.
         return load_gsplat().__version__
-    return (
-        metadata.version("gsplat")
-        if importlib.util.find_spec("gsplat")
-        else "not installed; only a GPU needs it"
-    )
+    installed = importlib.util.find_spec("gsplat")
+    return metadata.version("gsplat") if installed else "not installed; only a GPU needs it"

@@ -88,9 +88,8 @@ def _parsed(option: str) -> Config:
         content = None
     names = key.split(".")  # run.device=cpu is short for run={device: cpu}
     if not (equals and all(names)) or (content is None and value != "null"):
-        raise UserError(
-            f"--config {option[:80]}: not of the form KEY=VALUE, as in preset=draft or splats.iterations=5"
-        )
+        told = "not of the form KEY=VALUE, as in preset=draft or splats.iterations=5"
+        raise UserError(f"--config {option[:80]}: {told}")
     for name in reversed(names[1:]):
         content = {name: content}
     return {names[0]: content}

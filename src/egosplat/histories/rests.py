@@ -116,13 +116,9 @@ def link(ends: Sequence[End], rests: Sequence[Rest], seconds: Array, carries: in
     return links
 
 
-def _apart(rest: Rest, other: Rest | End) -> float:
-    return float(np.linalg.norm(rest.center - other.center))
-
-
 def _holds(rest: Rest, end: End) -> bool:
     """Whether the place of an end of a carry is that of a rest."""
-    return _apart(rest, end) <= min(rest.radius, end.radius)
+    return bool(np.linalg.norm(rest.center - end.center) <= min(rest.radius, end.radius))
 
 
 def _covers(rest: Rest, end: End, seconds: Array) -> bool:
@@ -133,7 +129,7 @@ def _covers(rest: Rest, end: End, seconds: Array) -> bool:
 
 def _are_one(rest: Rest, other: Rest) -> bool:
     """Whether two rests show one thing: they are at one place for half of the time of the shorter one."""
-    if _apart(rest, other) > _ONE * min(rest.radius, other.radius):
+    if np.linalg.norm(rest.center - other.center) > _ONE * min(rest.radius, other.radius):
         return False
     (first, last), (begin, end) = rest.frames, other.frames
     both = min(last, end) - max(first, begin)

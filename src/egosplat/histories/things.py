@@ -68,9 +68,7 @@ def match(things: Ints, of_carries: Ints, rests: Sequence[Rest], features: Float
         if alike[first, second] < _ALIKE:
             break
         pair = label[first], label[second]
-        of_both = [
-            [rest for rest, thing in zip(rests, things, strict=True) if label[thing] == one] for one in pair
-        ]
+        of_both = [itertools.compress(rests, label[things] == one) for one in pair]
         if pair[0] != pair[1] and not any(itertools.starmap(_are_two, itertools.product(*of_both))):
             label[label == pair[1]] = pair[0]
     joined = np.unique(label, return_inverse=True)[1].astype(np.int32)

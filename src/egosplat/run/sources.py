@@ -7,7 +7,6 @@ import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import NamedTuple
 
 import cv2
@@ -49,7 +48,7 @@ class Source(NamedTuple):
     format: str
     path: Path
     about: str
-    options: Mapping[str, str] = MappingProxyType({})
+    options: Mapping[str, str]
 
 
 def name_of(given: Path) -> str:
@@ -111,20 +110,18 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
         others = _videos(folder) or [inner for inner in _folders(folder) if _has_recording(inner)]
         if others:
             names = ", ".join(path.name for path in others[:3])
-            raise UserError(
-                f"{folder}: holds no pictures, but {names}; give one of them, such as {others[0]}"
-            )
+            told = f"holds no pictures, but {names}; give one of them, such as {others[0]}"
+            raise UserError(f"{folder}: {told}")
     kind = find_known_poses(folder, known_poses)
     count = len(open_source(folder, kind).pictures)
     poses = "" if kind is None else f" with poses ({KNOWN_POSES[kind]})"
-    return Source("plain", folder, f"{count} pictures{poses}")
+    return Source("plain", folder, f"{count} pictures{poses}", {})
 
 
 def _read_glasses(video: Path) -> Source:
     if video.name not in ADT_VIDEOS:
-        raise UserError(
-            f"{video}: a recording of Aria glasses is a folder with {' or '.join(ADT_VIDEOS)}; rename the file"
-        )
+        told = f"a recording of Aria glasses is a folder with {' or '.join(ADT_VIDEOS)}; rename the file"
+        raise UserError(f"{video}: {told}")
     for trajectory, path in TRAJECTORIES.items():
         if (video.parent / path).is_file():
             about = f"a recording of Aria glasses with poses ({path})"
