@@ -111,7 +111,7 @@ def flip(chunk: Path, position: int) -> None:
 
 def test_a_damaged_vrs_file_is_named(scene, refused):
     cut(scene / "recording/video.vrs", -500)
-    assert "recording/video.vrs: truncated: " in refused(*frames(scene))
+    assert "recording/video.vrs: cannot be read " in refused(*frames(scene))
 
 
 def test_a_missing_vrs_file_is_named(scene, refused):
@@ -121,7 +121,7 @@ def test_a_missing_vrs_file_is_named(scene, refused):
 
 def test_a_truncated_segmentation_is_named(scene, refused):
     cut(scene / "recording/segmentations_with_skeleton.vrs", -500)
-    assert "segmentations_with_skeleton.vrs: truncated" in refused(*annotations(scene))
+    assert "segmentations_with_skeleton.vrs: cannot be read" in refused(*annotations(scene))
 
 
 def test_an_unreadable_table_of_instances_is_named(scene, refused):

@@ -70,7 +70,7 @@ def photographs(one_scene, tmp_path):
         workdir.code = workdir.folder / "src"
         shutil.copytree(ROOT / "src/egosplat", workdir.code / "egosplat")
         shutil.copytree(ROOT / "config/presets", workdir.folder / "config/presets")
-        before = "    count, labeled = len(recording.timestamp_ns), recording.labeled\n"
+        before = "    annotated = is_annotated(format, recording_path)\n"
         workdir.edit("frames/stage.py", before, lines + before)
         return workdir
 

@@ -120,7 +120,7 @@ def test_training_resumes_on_the_device(scene, gpu, monkeypatch, capsys):
     folder = scene()
     on_gpu(monkeypatch, splats)
     with monkeypatch.context() as patch:
-        patch.setattr(splats, "put_held_out", killed)
+        patch.setattr(splats, "_put_held_out", killed)
         with pytest.raises(KeyboardInterrupt):
             train(folder, iterations=15)
     calls = counted(gpu, monkeypatch, trainer, "iterate")
