@@ -17,15 +17,20 @@ _GREY = 128
 
 
 def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-    """(P, 3) float64 positions and (P, 3) uint8 colors, gray if the file has no bytes of them; UserError as ``read_vertices``."""
+    """(P, 3) float64 positions and (P, 3) uint8 colors, gray if the file has none; UserError as ``read_vertices``."""
     vertices = read_vertices(path)
     names = {*(vertices.dtype.names or ())}
     if not {*"xyz"} <= names:
         raise UserError(f"{path}: not a readable PLY file of points (no x, y, z).")
     points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
-    if not all(name in names and vertices.dtype[name] == np.uint8 for name in ("red", "green", "blue")):
+    if not {"red", "green", "blue"} <= names:
         return points, np.full(points.shape, _GREY, np.uint8)
-    return points, np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1)
+    colors = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1)
+    if colors.dtype == np.uint8:
+        return points, colors
+    # Fractions, or numbers up to the largest of their type.
+    most = np.iinfo(colors.dtype).max if np.issubdtype(colors.dtype, np.integer) else 1.0
+    return points, np.rint(np.nan_to_num(colors / most).clip(0, 1) * 255).astype(np.uint8)
 
 
 def read_vertices(path: Path) -> NDArray[np.void]:

@@ -60,15 +60,12 @@ def starting_gaussians(
     near_plane: float,
     seed: int,
 ) -> Gaussians:
-    """Initialize Gaussians at the points visible from training cameras, or at random points if there are none.
+    """Gaussians, without features, at the points visible from training cameras, or at random points if there are none.
 
     Args:
         max_points: size of the random subset of the points, or number of random points.
         densify_init: add points where a view shows none, see ``densify``.
         near_plane: smallest camera z of a visible point [m].
-
-    Returns:
-        Gaussians on the views' device, without features, that do not require gradients.
 
     Raises:
         UserError: the scene is too far from the world's origin for float32, or too small or too large for the renderer.
@@ -177,7 +174,7 @@ def densify(
     *,
     near_plane: float,
 ) -> tuple[Points, Colors]:
-    """Add points so that each image cell of the V (V, 4, 4) poses shows at least one, if the photograph shows any.
+    """Points and colors, with new ones at the end so that each image cell of (V, 4, 4) poses shows one, if it shows any.
 
     A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell with points, its color
     that of the photograph. Points added for one photograph count for the next.
@@ -186,9 +183,6 @@ def densify(
         xyz, rgb: (P, 3) float64 world points [m], finite, and (P, 3) uint8.
         images: V images (H, W, 3) uint8, read one at a time.
         valid: (H, W) bool; cells with an invalid middle get no point.
-
-    Returns:
-        (P + N, 3) float64 and (P + N, 3) uint8: the given points, then the new ones.
     """
     centers = _cell_centers(camera)
     columns, rows = centers.astype(np.int64).transpose(2, 0, 1)
