@@ -49,7 +49,9 @@ def configured(stage):
         if "survey" in paths:
             job.survey  # which is made first
         # The survey's decisions are parameters of the rule, so a newer file alone must not rerun it.
-        return [ancient(path) if name == "survey" else path for name, path in paths.items()]
+        return [
+            ancient(path) if name == "survey" else path for name, path in paths.items()
+        ]
 
     return {
         "learnt": asked(lambda job: [*jobs.learnt_paths(stage, job).values()]),
