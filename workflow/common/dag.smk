@@ -48,10 +48,9 @@ def configured(stage):
         paths = jobs.decided_paths(stage, job)
         if "survey" in paths:
             job.survey  # which is made first
-        # The survey's decisions are parameters of the rule, so a newer file alone must not rerun it.
-        return [
-            ancient(path) if name == "survey" else path for name, path in paths.items()
-        ]
+            # Its decisions are parameters of the rule, so a newer file alone must not rerun it.
+            paths["survey"] = ancient(paths["survey"])
+        return [*paths.values()]
 
     return {
         "learnt": asked(lambda job: [*jobs.learnt_paths(stage, job).values()]),

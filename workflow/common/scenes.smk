@@ -1,6 +1,4 @@
-"""
-The table of scenes, the locks of a Snakemake that was killed, and the beginning of every shell command.
-"""
+"""The table of scenes, the locks of a Snakemake that was killed, and the beginning of every shell command."""
 
 from egosplat.pipeline.config import resolve
 from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks

@@ -1,6 +1,4 @@
-"""
-The configuration file, which is read here first: Snakemake's message about a faulty one names no file.
-"""
+"""The configuration file, which is read here first: Snakemake's message about a faulty one names no file."""
 
 import os
 import shlex
