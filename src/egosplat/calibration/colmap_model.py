@@ -64,9 +64,11 @@ def read_model(folder: Path) -> Contents:
             f"{folder}: has no {', '.join(f'{name}{suffix}' for name in missing)}. A COLMAP model has cameras, images and "
             "points3D, all .bin or all .txt."
         )
-    if suffix == ".bin":
-        for file in files:
+    for file in files:
+        if suffix == ".bin":
             _check_whole(file)
+        elif file.stem == "images":
+            _check_names(file)
     # COLMAP reads every file that it finds; here the three that are checked.
     with tempfile.TemporaryDirectory(prefix="egosplat-model-") as scratch:
         for file in files:
@@ -80,7 +82,11 @@ def read_model(folder: Path) -> Contents:
     if not posed:
         raise UserError(f"{folder}: has no image with a pose.")
     images = sorted(posed, key=lambda image: image.name)
-    world_to_camera = np.stack([image.cam_from_world().matrix() for image in images])
+    motions = [image.cam_from_world() for image in images]
+    world_to_camera = np.stack([motion.matrix() for motion in motions])
+    # pycolmap takes a quaternion of zeros, or of a scale alone, for no rotation; few digits are no scale.
+    length = np.array([np.linalg.norm(motion.rotation.quat) for motion in motions])[:, None, None]
+    world_to_camera[:, :, :3] *= np.where(abs(length - 1) < 1e-3, 1.0, length)
     points = [point for _, point in sorted(model.points3D.items())]
     return Contents(
         cameras=[Lens.of_colmap(model.cameras[image.camera_id]) for image in images],
@@ -91,6 +97,16 @@ def read_model(folder: Path) -> Contents:
         point_views=np.array([point.track.length() for point in points], np.int64),
         point_error_px=np.array([max(point.error, 0.0) for point in points], np.float64),
     )
+
+
+def _check_names(path: Path) -> None:
+    """Raise UserError if a name has a space, where COLMAP ends it."""
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        for line in lines:
+            if (words := line.split()) and words[0][0] != "#":
+                next(lines, None)
+                if words[10:]:
+                    raise UserError(f"{path}: {' '.join(words[9:])}: no spaces in names. Export it as .bin.")
 
 
 def _check_whole(path: Path) -> None:

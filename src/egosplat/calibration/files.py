@@ -58,9 +58,7 @@ DATAPARSER = "dataparser_transforms.json"
 
 
 def recording_origin(format: str, recording: Path) -> Origin:
-    """``synthetic`` for an ADT sequence that egosplat rendered, as its ``metadata.json`` says, else ``real`` (UserError: it
-    cannot be read).
-    """
+    """``synthetic`` if ``metadata.json`` says that egosplat rendered it, else ``real``; UserError if it cannot be read."""
     path = recording / METADATA
     if format != "adt" or not os.path.lexists(path):
         return "real"
@@ -207,9 +205,8 @@ def labels_of(format: str, recording: Path) -> dict[str, Path]:
 
 def adt_video(folder: Path) -> Path:
     """The recording of a sequence of Aria glasses, whether it exists or not."""
-    return next(
-        (path for name in ADT_VIDEOS if os.path.lexists(path := folder / name)), folder / ADT_VIDEOS[0]
-    )
+    paths = [folder / name for name in ADT_VIDEOS]
+    return next(filter(os.path.lexists, paths), paths[0])
 
 
 def find_segmentation(folder: Path) -> Path | None:
@@ -237,9 +234,8 @@ def sequence_parts(path: Path) -> tuple[str, ...]:
     """Camera, person, category, object, room, layout and task of a HOI4D sequence; UserError if its path does not end so."""
     match = _SEQUENCE.search(path.as_posix())
     if match is None:
-        raise UserError(
-            f"{path}: not the name of a HOI4D sequence, such as ZY20210800001/H1/C11/N58/S376/s02/T2."
-        )
+        example = "ZY20210800001/H1/C11/N58/S376/s02/T2"
+        raise UserError(f"{path}: not the name of a HOI4D sequence, such as {example}.")
     return match.groups()
 
 
@@ -283,11 +279,9 @@ def known_pose_files(recording: Path, wanted: str) -> list[Path]:
             files += model_files(path)
         else:
             points, frames = _read_frames(path)
-            named = [points, *(frame.get("mask_path") for frame in frames)]
-            files += [
-                path,
-                *(path.parent / name for name in dict.fromkeys(named) if isinstance(name, str) and name),
-            ]
+            given = [points, *(frame.get("mask_path") for frame in frames)]
+            named = dict.fromkeys(name for name in given if isinstance(name, str) and name)
+            files += [path, *(path.parent / name for name in named)]
     return files
 
 
@@ -348,9 +342,8 @@ def _read_frames(path: Path) -> tuple[Any, list[dict[str, Any]]]:
     """The file of points and the frames in a ``transforms.json``; nothing of a damaged one, whose reader reports it."""
     with suppress(OSError, ValueError, AttributeError, TypeError, KeyError):
         document = read_json(path)
-        return document.get("ply_file_path"), [
-            frame for frame in document["frames"] if isinstance(frame, dict)
-        ]
+        frames = [frame for frame in document["frames"] if isinstance(frame, dict)]
+        return document.get("ply_file_path"), frames
     return None, []
 
 

@@ -37,9 +37,8 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
     """
     present = present_known_poses(recording, wanted)
     if wanted in KNOWN_POSES and not present:
-        raise UserError(
-            f"{known_poses_path(recording, wanted)}: not found, but frames.known_poses is {wanted}."
-        )
+        path = known_poses_path(recording, wanted)
+        raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
     if len(present) > 1:
         folder = recording if recording.is_dir() else recording.parent
         names = " and ".join(os.path.relpath(known_poses_path(recording, kind), folder) for kind in present)
@@ -59,10 +58,8 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
         lens.check(f"{path}: {contents.names[contents.cameras.index(lens)]}")
     poses = contents.camera_to_world.copy()
     if (odd := ~is_rigid(poses, _MAX_DEVIATION)).any():
-        raise UserError(
-            f"{path}: {contents.names[odd.argmax()]}: the pose is not a rotation and a translation of finite numbers (is it "
-            "scaled or mirrored?)."
-        )
+        fault = "the pose is not a rotation and a translation of finite numbers (is it scaled or mirrored?)"
+        raise UserError(f"{path}: {contents.names[odd.argmax()]}: {fault}.")
     if (rough := ~is_rigid(poses)).any():
         poses[rough, :3, :3] = Rotation.from_matrix(poses[rough, :3, :3]).as_matrix()
         poses[rough, 3] = [0.0, 0.0, 0.0, 1.0]
@@ -109,10 +106,8 @@ def match_pictures(
         if not matches:
             unmatched.append(name)
     if not (row >= 0).any():
-        raise UserError(
-            f"{path}: none of its {len(names)} names, such as {', '.join(unmatched[:_MAX_NAMES])}, is the name of a "
-            f"picture, such as {pictures[0]}."
-        )
+        few = f"none of its {len(names)} names, such as {', '.join(unmatched[:_MAX_NAMES])}"
+        raise UserError(f"{path}: {few}, is the name of a picture, such as {pictures[0]}.")
     return row, unmatched
 
 
@@ -130,9 +125,8 @@ def _matches(own: tuple[str, ...], by_stem: dict[str, list[tuple[int, tuple[str,
 def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
     """Raise UserError if an entry numbers a frame that a video of ``count`` has not, as where numbers begin at 1."""
     if beyond := next((name for name in names if (_number_of(name) or 0) >= count), None):
-        raise UserError(
-            f"{path}: {beyond}: the video has the frames 0 to {count - 1}. Do the numbers begin at 1?"
-        )
+        has = f"the video has the frames 0 to {count - 1}"
+        raise UserError(f"{path}: {beyond}: {has}. Do the numbers begin at 1?")
 
 
 def unmatched_line(unmatched: list[str], path: Path) -> str:

@@ -60,22 +60,19 @@ class Lens:
 
     def colmap(self) -> pycolmap.Camera:
         """This camera as pycolmap represents it."""
-        return pycolmap.Camera(
-            model=self.model, width=self.width, height=self.height, params=list(self.params)
-        )
+        size = {"width": self.width, "height": self.height}
+        return pycolmap.Camera(model=self.model, params=list(self.params), **size)
 
     def check(self, source: str) -> "Lens":
         """Return self; UserError, of ``source``, if the model is unsupported, a parameter impossible, or no ``pinhole``."""
         if self.model not in _MODELS:
-            raise UserError(
-                f"{source}: camera model {self.model} is not supported. Supported: {', '.join(_MODELS)}."
-            )
+            models = ", ".join(_MODELS)
+            raise UserError(f"{source}: camera model {self.model} is not supported. Supported: {models}.")
         fx, fy, cx, cy = self._linear()
         inside = 0 <= cx < self.width and 0 <= cy < self.height
         if not (np.isfinite(self.params).all() and fx > 0 and fy > 0 and inside):
-            raise UserError(
-                f"{source}: fx, fy must be positive, (cx, cy) inside the image, and all numbers finite."
-            )
+            rule = "fx, fy must be positive, (cx, cy) inside the image, and all numbers finite"
+            raise UserError(f"{source}: {rule}.")
         try:
             _ = self.pinhole
         except UserError as error:
@@ -206,9 +203,8 @@ def read_camera_file(path: Path, width: int, height: int) -> Lens:
             f"{path}: not an object with the numbers {', '.join(_KEYS)} ({repr(error)[:200]})."
         ) from error
     if other := [key for key in entries if key not in (*_KEYS, *_DISTORTION)]:
-        raise UserError(
-            f"{path}: {', '.join(other)[:200]}: not read; it has {', '.join((*_KEYS, *_DISTORTION))}."
-        )
+        keys = ", ".join((*_KEYS, *_DISTORTION))
+        raise UserError(f"{path}: {', '.join(other)[:200]}: not read; it has {keys}.")
     if (numbers[0], numbers[1]) != (width, height):
         raise UserError(f"{path}: for {numbers[0]:g}x{numbers[1]:g} px, but the frames are {width}x{height}.")
     return Lens("OPENCV", width, height, (*numbers[2:], *distortion)).check(str(path))

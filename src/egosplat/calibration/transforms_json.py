@@ -12,7 +12,7 @@ from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.geometry import OPENGL_AXES
+from egosplat.geometry import OPENGL_AXES, is_rigid
 
 _FISHEYE = "OPENCV_FISHEYE"
 # nerfstudio's order of ``distortion_params``.
@@ -29,6 +29,9 @@ _REFUSED = (
 
 Some = TypeVar("Some", bound=BaseModel)
 _Model = Literal["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
+# JSON's true and "30" are no numbers.
+_Number = Annotated[float, Field(strict=True)]
+_Name = Annotated[str, Field(min_length=1)]
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 _Matrix = Annotated[list[_Row], Field(min_length=3, max_length=4)]
 # pycolmap counts pixels in 32 bits.
@@ -40,7 +43,7 @@ class _Document(BaseModel):
 
     frames: Annotated[list[dict[str, Any]], Field(min_length=1)]
     applied_transform: _Matrix | None = None
-    applied_scale: Annotated[float, Field(gt=0)] | None = None
+    applied_scale: Annotated[_Number, Field(gt=0)] | None = None
     ply_file_path: str | None = None
 
 
@@ -49,14 +52,14 @@ class _View(BaseModel):
 
     model_config = ConfigDict(extra="allow", allow_inf_nan=False)
 
-    file_path: Annotated[str, Field(min_length=1)]
+    file_path: _Name
     transform_matrix: _Matrix
-    mask_path: str | None = None
+    mask_path: _Name | None = None
     w: _Side
     h: _Side
     camera_model: _Model = "OPENCV"
-    distortion_params: Annotated[list[float], Field(min_length=6, max_length=6)] | None = None
-    numbers: dict[str, float]
+    distortion_params: Annotated[list[_Number], Field(min_length=6, max_length=6)] | None = None
+    numbers: dict[str, _Number]
 
 
 def read_transforms(path: Path, width: int, height: int) -> Contents:
@@ -68,7 +71,7 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
         content = read_json(path)
     except (OSError, ValueError) as error:
         raise UserError(f"{path}: not readable as JSON ({error}).") from error
-    document = _checked(_Document, content, str(path))
+    document = _checked(_Document, content if isinstance(content, dict) else {}, str(path))
     of_file, size = document.model_extra or {}, {"w": width, "h": height}
     views = [
         _view(frame, of_file, size, f"{path}: frames[{index}]") for index, frame in enumerate(document.frames)
@@ -78,7 +81,9 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
         points, colors = read_points(path.parent / document.ply_file_path)
     notes: dict[str, Any] = {}
     if document.applied_transform:
-        notes["applied_transform"] = document.applied_transform[:3]
+        notes["applied_transform"] = applied = document.applied_transform[:3]
+        if not is_rigid(np.array([*applied, [0.0, 0.0, 0.0, 1.0]])):
+            raise UserError(f"{path}: applied_transform is not a rotation and a translation.")
     if document.applied_scale:
         notes["applied_scale"] = document.applied_scale
     poses = np.array([[*view.transform_matrix, [0.0, 0.0, 0.0, 1.0]][:4] for view in views])
@@ -115,9 +120,8 @@ def _view(frame: dict[str, Any], of_file: dict[str, Any], size: dict[str, int], 
             raise UserError(f"{where}: {key} differs from that of the whole file; remove one of the two.")
     entries = size | of_file | frame
     if refused := next((key for key in _REFUSED if entries.get(key)), None):
-        raise UserError(
-            f"{where}: {refused} is not supported: render or undistort to a plain camera, then remove it."
-        )
+        advice = "render or undistort to a plain camera, then remove it"
+        raise UserError(f"{where}: {refused} is not supported: {advice}.")
     # instant-ngp marks a fisheye lens by a key of its own.
     model = {"camera_model": _FISHEYE} if entries.get("is_fisheye") else {}
     numbers = {key: entries[key] for key in _NUMBERS if key in entries}
@@ -132,7 +136,10 @@ def _lens(view: _View, where: str) -> Lens:
     if not given:
         raise UserError(f"{where}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
     pinhole = (given[0], given[-1], numbers.get("cx", width / 2), numbers.get("cy", height / 2))
-    k1, k2, k3, k4, p1, p2 = view.distortion_params or [numbers.get(key, 0.0) for key in _DISTORTION]
+    single = [numbers.get(key, 0.0) for key in _DISTORTION]
+    k1, k2, k3, k4, p1, p2 = values = view.distortion_params or single
+    if any(single) and values != single:
+        raise UserError(f"{where}: distortion_params differs from k1 to p2; remove one of the two.")
     if (p1 or p2) if model == _FISHEYE else k4:
         own = "k1 to k4" if model == _FISHEYE else "k1 to k3, p1, p2"
         raise UserError(f"{where}: camera_model {model} has {own} alone.")

@@ -138,10 +138,8 @@ def _read_header(path: Path, folder: Path, masks: set[Path]) -> Picture:
     moving = path.with_name(f"{DYNAMIC_MASK}{path.stem}.png")
     with open_image(path) as image:
         orientation, alpha = image.getexif().get(_ORIENTATION_TAG, 1), image.has_transparency_data
-        name = os.path.relpath(path, folder)
-        return Picture(
-            path, name, image.size, orientation, alpha, ((moving, True),) if moving in masks else ()
-        )
+        own = ((moving, True),) if moving in masks else ()
+        return Picture(path, os.path.relpath(path, folder), image.size, orientation, alpha, own)
 
 
 def _other_formats(folders: Sequence[Path]) -> str:
@@ -175,9 +173,8 @@ def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray
     with open_image(path) as image:
         if image.mode not in _EIGHT_BIT:
             raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
-        return np.array(
-            (ImageOps.exif_transpose(image) if turned else image).convert("RGBA" if alpha else "RGB")
-        )
+        upright = ImageOps.exif_transpose(image) if turned else image
+        return np.array(upright.convert("RGBA" if alpha else "RGB"))
 
 
 def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
@@ -185,6 +182,5 @@ def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
     black = _BLACK_OF_JPEG if path.suffix.lower() in (".jpg", ".jpeg") else 0
     mask: NDArray[np.bool_] = np.any(read_rgb(path) > black, axis=2)
     if mask.shape != (height, width):
-        size = "{1}x{0}".format(*mask.shape)
-        raise UserError(f"{path}: {size} px, but the frames are {width}x{height}.")
+        raise UserError(f"{path}: {mask.shape[1]}x{mask.shape[0]} px, but the frames are {width}x{height}.")
     return mask

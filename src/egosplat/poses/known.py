@@ -69,9 +69,8 @@ def known_poses(
         "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], points),
         **known.notes,
     }
-    unit = (
-        f"{scale:g} m" if options.meters_per_unit else "a scene unit (poses.meters_per_unit makes it meters)"
-    )
+    arbitrary = "a scene unit (poses.meters_per_unit makes it meters)"
+    unit = f"{scale:g} m" if options.meters_per_unit else arbitrary
     log(f"poses as in {path}; one unit of the file is {unit}")
     if kind == "colmap" and (gsplat := gsplat_world(known.camera_to_world, known.points[finite])) is not None:
         notes["gsplat_world"] = gsplat.tolist()

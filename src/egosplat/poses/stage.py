@@ -31,9 +31,8 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
         )
     source = poses_source(options.method, has_device, kind is not None)
     if options.meters_per_unit is not None and source != "known":
-        raise UserError(
-            "poses.meters_per_unit: only known poses have a unit (docs/recordings.md); remove the key"
-        )
+        only = "only known poses have a unit (docs/recordings.md)"
+        raise UserError(f"poses.meters_per_unit: {only}; remove the key")
     record = provenance.begin_from("poses", options.as_dict(), [frames], chosen=source)
     poses = _find_poses(source, recording_path, frames, options)
     log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")

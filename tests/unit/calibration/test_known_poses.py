@@ -8,12 +8,7 @@ import pycolmap
 import pytest
 
 from egosplat.calibration.files import known_pose_files
-from egosplat.calibration.known_poses import (
-    check_numbers,
-    find_known_poses,
-    match_pictures,
-    read_known_poses,
-)
+from egosplat.calibration.known_poses import check_numbers, find_known_poses, match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 
@@ -60,9 +55,8 @@ def test_points_of_a_transforms_file(pictures, transforms, binary):
     kind = "binary_little_endian" if binary else "ascii"
     lines = ["ply", f"format {kind} 1.0", "element vertex 2", *(f"property float {axis}" for axis in "xyz")]
     lines += [*(f"property uchar {name}" for name in ("red", "green", "blue")), "end_header", ""]
-    body = (
-        table.tobytes() if binary else "\n".join(" ".join(map(str, row)) for row in table.tolist()).encode()
-    )
+    rows = "\n".join(" ".join(map(str, row)) for row in table.tolist())
+    body = table.tobytes() if binary else rows.encode()
     (pictures / "cloud.ply").write_bytes("\n".join(lines).encode() + body)
     transforms(ply_file_path="cloud.ply")
     contents = read_known_poses(pictures, "transforms", *SIZE)
@@ -141,7 +135,17 @@ def test_an_unsupported_model_of_colmap_is_named(pictures, text_folder):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
-@pytest.mark.parametrize("numbers", ["1 0 0 0 1e999 2 3", "1 0 0 0 nan 2 3", "1 1 0 0 1 2 3"])
+def test_a_name_with_a_space_is_named(pictures, text_folder):
+    """COLMAP ends the name at the space."""
+    path = text_folder / "images.txt"
+    path.write_text(path.read_text().replace("3.png", "3 a.png"))
+    with pytest.raises(UserError, match="images.txt: 3 a.png: no spaces in names"):
+        read_known_poses(pictures, "colmap", *SIZE)
+
+
+@pytest.mark.parametrize(
+    "numbers", ["1 0 0 0 1e999 2 3", "1 0 0 0 nan 2 3", "1 1 0 0 1 2 3", "0 0 0 0 1 2 3"]
+)
 def test_a_pose_that_is_no_rotation_is_named(pictures, text_folder, numbers):
     """Scaled, or not finite."""
     lines = (text_folder / "images.txt").read_text().splitlines()
@@ -180,6 +184,8 @@ NAN, POSE = float("nan"), np.eye(4).tolist()
         ({"latlong": True}, "latlong is not supported"),
         ({"ftheta_p0": 1.0}, "ftheta_p0 is not supported"),
         ({"k5": 0.1}, "k5 is not supported"),
+        ({"applied_transform": np.zeros((4, 4)).tolist()}, "applied_transform is not a rotation"),
+        ({"k1": 0.1, "distortion_params": [0.2, 0, 0, 0, 0, 0]}, "distortion_params differs"),
         ({"camera_model": "FISHEYE624"}, "camera_model: .*OPENCV_FISHEYE"),
         ({"camera_model": "OPENCV_FISHEYE", "p1": 0.1}, "OPENCV_FISHEYE has k1 to k4"),
         ({"k1": 0.0, "distortion_params": [0.1, 0, 0, 0]}, "distortion_params: .*6 items"),
@@ -187,6 +193,7 @@ NAN, POSE = float("nan"), np.eye(4).tolist()
         ({"fisheye_crop_radius": 9.0}, "fisheye_crop_radius is not supported"),
         ({"fl_x": None, "fl_y": None}, "has neither fl_x nor camera_angle_x"),
         ({"fl_x": "wide"}, "fl_x: .*number"),
+        ({"fl_x": "60"}, "fl_x: .*number"),
         ({"fl_x": 10**400}, "fl_x: .*number"),
         ({"k1": NAN}, "images/1.png: k1: .*finite"),
         ({"k4": 0.1}, "OPENCV has k1 to k3"),
@@ -198,11 +205,13 @@ NAN, POSE = float("nan"), np.eye(4).tolist()
         ({"applied_scale": 0}, "applied_scale"),
         ({"ply_file_path": "nowhere.ply"}, "nowhere.ply: not a readable PLY"),
         ({"ply_file_path": 3}, "ply_file_path"),
+        ({"ply_file_path": []}, "ply_file_path"),
     ],
 )
 def test_a_bad_transforms_file_is_named(pictures, transforms, changes, problem):
     """One line that names the file and the key or the picture."""
     transforms(**changes)
+    assert pictures / "transforms.json" in known_pose_files(pictures, "auto")
     with pytest.raises(UserError, match=f"transforms.json: .*{problem}|nowhere.ply: not a") as caught:
         read_known_poses(pictures, "transforms", *SIZE)
     assert "\n" not in str(caught.value)
