@@ -18,6 +18,7 @@ from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera, invert, transform
+from egosplat.images import evenly_spaced
 from egosplat.progress import log
 from egosplat.rasterize.contract import FAR_PLANE
 
@@ -134,7 +135,7 @@ def _densify(
     xyz: Points, rgb: Colors, views: Views, max_points: int, near_plane: float, seed: int
 ) -> tuple[Points, Colors]:
     """Add points where views show none, and thin the given points to at least half of ``max_points``."""
-    chosen = np.unique(np.linspace(0, len(views) - 1, _DENSIFIED_VIEWS).round().astype(int))
+    chosen = evenly_spaced(len(views), _DENSIFIED_VIEWS)
     every, colors = densify(
         xyz,
         rgb,
@@ -323,9 +324,8 @@ def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane:
 
 def seen_depths(points: Points, views: Views, near_plane: float) -> NDArray[np.float64]:
     """(S,) depths of the points (P, 3) in evenly spaced views that show them, at ``near_plane`` or beyond [m]."""
-    chosen = np.unique(np.linspace(0, len(views) - 1, _DEPTH_VIEWS).round().astype(int)) if len(views) else []
     depths = []
-    for pose in views.camera_to_world[chosen]:
+    for pose in views.camera_to_world[evenly_spaced(len(views), _DEPTH_VIEWS)]:
         local = transform(invert(pose), points)
         depths.append(local[in_picture(local, views.camera, near_plane=near_plane), 2])
     return np.concatenate([np.zeros(0), *depths])

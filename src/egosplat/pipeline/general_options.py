@@ -42,9 +42,7 @@ class GeneralOptions(Options):
     """Table of scenes, one row each. Relative to the working directory. scenes.local.tsv beside it, which egosplat run
     writes, is read too."""
 
-    data_root: dict[
-        str, Annotated[Text | None, BeforeValidator(lambda path: None if path == "null" else path)]
-    ] = Field(default={})
+    data_root: dict[str, _Folder] = Field(default={})
     """Folder that holds the recordings of each dataset, or null. Without a folder for adt, scenes 1 to 5 of adt are
     synthetic apartments; recordings of other datasets are then relative to the working directory."""
 

@@ -17,6 +17,7 @@ from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.similarity import moved, split_similarity
 from egosplat.gaussians.training_views import Views, read_views
 from egosplat.geometry import compose
+from egosplat.images import evenly_spaced
 from egosplat.progress import log
 from egosplat.splats.source_reader import read_source
 
@@ -62,7 +63,7 @@ def import_gaussians(
     log(f"{files[0]}: {gaussians.count} Gaussians, spherical harmonics of degree {gaussians.sh_degree}")
     rows = np.flatnonzero(poses.read("registered"))
     chosen = np.zeros(frames.shape("rgb")[0], bool)
-    chosen[rows[np.linspace(0, len(rows) - 1, min(_VIEWS, len(rows))).round().astype(int)]] = True
+    chosen[rows[evenly_spaced(len(rows), _VIEWS)]] = True
     views = read_views(frames, poses, chosen, device, resolution=_SIDE)
     tried = {}
     for world, matrix in known_worlds(files[1:], poses):
@@ -76,10 +77,8 @@ def import_gaussians(
 
 
 def _no_fit(files: list[Path], tried: dict[str, Fit]) -> UserError:
-    first, best = (
-        next(iter(tried.values())),
-        max(tried, key=lambda world: tried[world].psnr - tried[world].plain),
-    )
+    first = next(iter(tried.values()))
+    best = max(tried, key=lambda world: tried[world].psnr - tried[world].plain)
     psnr, plain = tried[best]
     problem = "show nothing in the pictures"
     if np.isfinite(psnr):

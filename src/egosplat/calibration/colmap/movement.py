@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.database import Project
 from egosplat.errors import UserError
+from egosplat.images import evenly_spaced
 from egosplat.progress import track
 
 # Frames spread over the recording, both ends included, all pairs of them, and their longer side [px].
@@ -34,8 +35,8 @@ _Features = tuple[NDArray[np.float64], cv2.typing.MatLike]
 def check_camera_moves(project: Project) -> None:
     """Compare images spread over a recording, in seconds; UserError if the camera stands still."""
     names = project.names
-    spread = np.linspace(0, len(names) - 1, min(_FRAMES, len(names))).round().astype(int)
-    chosen = track([names[index] for index in spread], "COLMAP: does the camera move", unit="frame")
+    spread = [names[index] for index in evenly_spaced(len(names), _FRAMES)]
+    chosen = track(spread, "COLMAP: does the camera move", unit="frame")
     pairs = [*itertools.combinations([_features(project, name) for name in chosen], 2)]
     shares = [share for pair in pairs if (share := _share_that_stays(*pair)) is not None]
     still = sum(share >= _MIN_SHARE for share in shares)
