@@ -123,9 +123,8 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
         height, width = labels.shape
         if abs(height * camera.width - width * camera.height) > max(width, camera.width):
             raise UserError(f"{mask}: {width}x{height} px: another aspect ratio than the video's.")
-        return np.asarray(resize_labels(np.maximum(labels - 1, -1), camera.width, camera.height), np.int32)[
-            None
-        ]
+        fitted = resize_labels(np.maximum(labels - 1, -1), camera.width, camera.height)
+        return np.asarray(fitted, np.int32)[None]
 
     return Annotations(instances_of(sequence_parts(folder)[2], folder), read)
 

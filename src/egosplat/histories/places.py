@@ -166,10 +166,8 @@ def see_places(ends: Sequence[End], frames: NDArray[np.int64], recording: Record
                 continue
             if picture is None:
                 picture, labels = recording.frames.row("rgb", frame), recording.labels(frame)
-                shows, local = (
-                    recording.valid & ~recording.moving(frame, labels),
-                    transform(invert(pose), means),
-                )
+                shows = recording.valid & ~recording.moving(frame, labels)
+                local = transform(invert(pose), means)
             left, top, right, bottom = crop
             cut, full = np.s_[top:bottom, left:right], recording.camera
             own = (labels[:, top:bottom, left:right] == end.track).any(axis=0) & recording.valid[cut]

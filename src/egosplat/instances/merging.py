@@ -120,10 +120,7 @@ class _Pairs:
         self.largest, self.partner = self._iou.max(axis=1), self._iou.argmax(axis=1)
 
     def merge(self, one: int, other: int) -> None:
-        """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they show one thing.
-
-        ``run`` (V,) numbers the runs in the order of their first frames; ``weight`` (N,) is that of each Gaussian in an IoU.
-        """
+        """Add run ``other`` to run ``one``, and compare it with the others."""
         self._runs.add(one, other)
         self._by_run[other] = self._held[:, other] = self._seen[:, other] = False
         self._by_run[one] = self._held[:, one] = self._runs.holds(one)

@@ -39,8 +39,8 @@ def colmap_poses(
     """Estimate the poses of upright images of one camera, in order of time, in COLMAP's frame and scale.
 
     Arguments are as of ``mapping.reconstruct``; a known ``camera`` is kept, the focal lengths of a guess are refined. Frames outside
-    of the largest model, and of those that share frames with it, have no pose. Points are seen in ``MIN_TRACK_LENGTH`` images or more, with a mean error up to
-    ``MAX_REPROJECTION_ERROR_PX``. UserError as for ``reconstruct``, without parallax, or with too few registered images.
+    of the largest model, and of those that share frames with it, have no pose. Points are seen in ``MIN_TRACK_LENGTH`` images or more,
+    with a mean error up to ``MAX_REPROJECTION_ERROR_PX``. UserError as for ``reconstruct``, without parallax, or with too few registered images.
     """
     params = [camera.fx, camera.fy, camera.cx, camera.cy]
     entered = pycolmap.Camera(model="PINHOLE", width=camera.width, height=camera.height, params=params)

@@ -46,10 +46,8 @@ def run(
     height = max(len(chosen), 1)
     figure = plt.figure(figsize=(COLUMNS * CELL + 0.4, height * (CELL + 0.62) + 1.0), layout="constrained")
     for strip, instance in zip(split_page(figure, height, 1), chosen, strict=False):
-        name, rows = (
-            f"instance {instance}, {facts['levels'][level[instance]]}",
-            np.flatnonzero(owner == instance),
-        )
+        name = f"instance {instance}, {facts['levels'][level[instance]]}"
+        rows = np.flatnonzero(owner == instance)
         _draw_instance(strip, frames, instances, view_features, features, rows, name)
     model = "small" if facts["clip"]["small"] else facts["clip"]["model"]
     encoder = "ImageNet's classes" if model == PHOTOS else f"OpenCLIP ({model})"

@@ -55,16 +55,11 @@ def run(
     figure = plt.figure(figsize=size, layout="constrained")
     above, below = split_page(figure, 2, 1, height_ratios=(pictures, CHART))
     grid, heat = empty_grid(above, 4, max(len(shown), 3)), None
-    scene, camera_to_world, seconds = (
-        read_trained_scene(splats, "auto"),
-        camera_poses(poses, splats),
-        seconds_of(frames),
-    )
+    scene, seconds = read_trained_scene(splats, "auto"), seconds_of(frames)
+    camera_to_world = camera_poses(poses, splats)
     for column, frame in zip(grid.T, shown, strict=False):
-        photograph, probability = (
-            frames.row("rgb", frame),
-            transient.row("probability", frame).astype(np.float32),
-        )
+        photograph = frames.row("rgb", frame)
+        probability = transient.row("probability", frame).astype(np.float32)
         show(column[0], photograph, f"frame {frame}, {seconds[frame]:.1f} s")
         about = f"transient probability: mean {probability.mean():.1%}"
         show(column[1], photograph.mean(axis=2), about, cmap="gray")
