@@ -42,16 +42,16 @@ AREAS = {
 
 HEADER = """# Numbers at their extremes
 
-Cases of `tests/numerics` and their errors against a float64 reference. `make numerics` runs the tests and writes this file.
+Cases of `tests/numerics`: *what is tried*, the largest error against a float64 reference and (its bound), and what happens
+beyond. `make numerics` runs the tests and writes this page; {machine}
 
-- **Tried**: the inputs. [Hypothesis](https://hypothesis.readthedocs.io) samples ranges, or the test steps through decades.
-- **Bound**: the largest error that the test accepts, absolute for images, probabilities and relevancies, relative for gradients
-  and positions (L2 norm over all values of a kind). A case without a bound tests behavior.
-- **Measured**: the largest error of the run that wrote this file; {machine}
-- **Beyond**: behavior at the end of the range and outside: an error that names the cause, or a clamp. Never NaN.
+- Inputs are ranges that [Hypothesis](https://hypothesis.readthedocs.io) samples, or decades.
+- Errors are absolute for images, probabilities and relevancies, and relative for gradients and positions (L2 norm over all
+  values of a kind). A case without an error tests behavior.
+- Beyond its range a case ends in an error that names the cause, or in a clamp. Never in NaN.
 
-Float32 results are compared with float64 results of the same rounded inputs, unless a row says otherwise. Pixels where rounding
-alone decides whether a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out.
+The reference takes the same inputs rounded to float32, unless a line says otherwise. Pixels where rounding alone decides whether
+a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out.
 """
 
 
@@ -128,7 +128,7 @@ class Table:
         for area in AREAS.values():
             rows = [row for (where, _), row in self._rows.items() if where == area]
             if rows:
-                parts.append(f"## {area}\n\n{_aligned([_cells(row) for row in rows])}")
+                parts.append(f"## {area}\n\n{''.join(map(_line, rows))}")
         return "\n".join(parts)
 
 
@@ -139,30 +139,15 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def _machine() -> str:
-    return f"its kernels were the variant {library.variant()}." if library.is_usable() else "without kernels."
+    return f"its kernels here: {library.variant()}." if library.is_usable() else "without kernels here."
 
 
-def _cells(row: dict[str, object]) -> list[str]:
-    errors, bound = row["errors"], row["within"]
-    found = _short(max(errors)) if errors else ""
-    return [str(row["tried"]), "" if bound is None else _short(bound), found, str(row["outside"])]
+def _line(row: dict[str, object]) -> str:
+    """A case, its largest error and bound where it has them, and what happens beyond."""
+    error = f"{_short(max(row['errors']))} ({_short(row['within'])})" if row["errors"] else ""
+    return f"- *{row['tried']}*: {'; '.join(filter(None, (error, row['outside'])))}\n"
 
 
 def _short(number: float) -> str:
     """One digit: 3e-6; 0 where it is exactly that."""
     return f"{number:.0e}".replace("e-0", "e-").replace("e+00", "") if number else "0"
-
-
-def _aligned(cells: list[list[str]]) -> str:
-    """A Markdown table whose source is aligned as well."""
-    table = [["Tried", "Bound", "Measured", "Beyond"], *cells]
-    widths = [max(len(line[column]) for line in table) for column in range(4)]
-    rule = ["-" * widths[0], "-" * (widths[1] - 1) + ":", "-" * (widths[2] - 1) + ":", "-" * widths[3]]
-    lines = [table[0], rule, *table[1:]]
-    pad = (str.ljust, str.rjust, str.rjust, str.ljust)
-    return "".join(
-        "| "
-        + " | ".join(put(cell, width) for put, cell, width in zip(pad, line, widths, strict=True))
-        + " |\n"
-        for line in lines
-    )
