@@ -57,17 +57,17 @@ INDICES = [
     ("annotations", "instance_map", 3),
 ]
 CASES = {
-    "NaN and infinity in every array of numbers, such as means of Gaussians and codes": [
+    "NaN and infinity in every array of numbers": [
         (*one, value) for one, value in zip(of(FINITE), cycle((NAN, INF, -INF)))
     ],
-    "shares and probabilities, such as M, of NaN, infinity, -0.01 and 1.01": [
+    "shares and probabilities of NaN, infinity, -0.01 and 1.01": [
         (*one, value) for one, value in zip(of(SHARE), cycle((INF, NAN, -0.01, 1.01)))
     ],
     "labels and other indices beyond what they count, and below -1": INDICES,
     "intrinsics at a stage: focal lengths of 0, -1, NaN and infinity, and skew": [
         ("poses", "intrinsics", pinhole(*case)) for case in [(0.0,), (-1.0,), (NAN,), (INF,), (5.0, 0.1)]
     ],
-    "poses with infinity or one NaN, scaled by 1.001, and mirrored; an up direction of length 2": [
+    "poses with infinity or one NaN, scaled by 1.001, mirrored; an up direction of length 2": [
         ("poses", "camera_to_world", poses(t=INF)),
         ("poses", "camera_to_world", poses(t=NAN)),
         ("poses", "camera_to_world", poses(1.001)),
@@ -93,9 +93,7 @@ def write(folder, kind, name, bad):
     [
         pytest.param(
             cases,
-            marks=pytest.mark.numerics(
-                tried, outside="UserError that names the array, where it is written and where it is read"
-            ),
+            marks=pytest.mark.numerics(tried, outside="UserError names the array, written or read"),
         )
         for tried, cases in CASES.items()
     ],
@@ -119,7 +117,7 @@ def test_numbers_that_the_schema_does_not_allow(tmp_path, monkeypatch, cases):
 
 
 @pytest.mark.numerics(
-    "NaN for what is not known: poses of frames without one, PSNR of frames without a pixel; -1 for no instance",
+    "NaN for an unknown pose or PSNR, -1 for no instance",
     outside="written and read",
 )
 def test_numbers_that_are_not_known(tmp_path):

@@ -24,9 +24,7 @@ BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 
 
-@pytest.mark.numerics(
-    "pose correction: rotation vectors of 0 to 2 pi rad, 1e-300 included, against scipy", within=1e-14
-)
+@pytest.mark.numerics("pose correction: rotation vectors of 0 to 2 pi rad, 1e-300 included", within=1e-14)
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-9, 9.9e-5, 1.1e-4, 1.0, np.pi, 6.28])
 def test_rotation_and_its_gradient(measured, angle):
     axis = np.array([0.6, -0.64, 0.48])
@@ -45,7 +43,7 @@ def one_frame(brightness: int) -> Views:
 
 @pytest.mark.numerics(
     "corrections of a single frame, and of a black one",
-    outside="one frame: the mean is removed, so its correction stays 0. Black: the gain is e^-5, the least that a fit starts from",
+    outside="one frame: its correction stays 0. Black: the gain is e^-5",
 )
 @pytest.mark.parametrize("brightness", [0, 128, 255])
 def test_one_frame(brightness):
@@ -81,7 +79,7 @@ def test_gains(gain):
 
 
 @pytest.mark.numerics(
-    "exposure with compressed highlights: colors of 0 to 1e20, gains of 1e-6 to 1e6, compression of 0 to 4, all that one training can reach",
+    "compressed highlights: colors of 0 to 1e20, gains of 1e-6 to 1e6, compression of 0 to 4",
     outside="a color beyond 10 gains as little as 10 does",
 )
 @pytest.mark.parametrize("color", [0.0, 1e-30, 1.0, 1e20])
@@ -100,7 +98,7 @@ def test_compression(color, log_gain, compression):
 
 @pytest.mark.numerics(
     "a gradient of a pose that is not finite",
-    outside="the step is left out, and the view keeps its correction",
+    outside="the view keeps its correction",
 )
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_broken_gradient(value):
@@ -114,9 +112,7 @@ def test_broken_gradient(value):
     assert not corrections.values.any() and not corrections.steps.any()
 
 
-@pytest.mark.numerics(
-    "pose correction of half a turn about any axis, applied to a pose 1e6 m away", within=1e-9
-)
+@pytest.mark.numerics("pose correction of half a turn about any axis, 1e6 m away", within=1e-9)
 @pytest.mark.parametrize("seed", range(3))
 def test_half_a_turn(measured, seed):
     rng = np.random.default_rng(seed)

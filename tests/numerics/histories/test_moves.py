@@ -8,7 +8,7 @@ from tests.support.sightings import BACK, HERE, RATE, THERE, found, way
 
 @pytest.mark.numerics(
     "a thing that moves in every frame of 1 s to 40 s",
-    outside="one carry, whose start and end are not known",
+    outside="one carry without known start and end",
 )
 @pytest.mark.parametrize("count", [5, 50, 200])
 def test_never_at_rest(count):
@@ -20,7 +20,7 @@ def test_never_at_rest(count):
 
 
 @pytest.mark.numerics(
-    "a thing that rests in every frame, exactly, and with a depth that varies by 1 %", outside="no carry"
+    "a thing that rests in every frame, exactly and with depths that vary by 1 %", outside="no carry"
 )
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_always_at_rest(noise):
@@ -30,7 +30,7 @@ def test_always_at_rest(noise):
 
 @pytest.mark.numerics(
     "rests of one frame before, between and after two ways",
-    outside="between: one carry; before: the start is not known; after: the end is where it is seen last",
+    outside="between: one carry; before: no known start; after: it ends where seen last",
 )
 def test_a_rest_of_one_frame():
     [one] = found((0, way((HERE, 10), (THERE, 1), (BACK, 10))))
@@ -46,8 +46,8 @@ def test_a_rest_of_one_frame():
 
 
 @pytest.mark.numerics(
-    "a thing that is taken up in the last 2 and the last 6 frames of a recording",
-    outside="of 6, a carry to where it is seen last; 2 may be chance",
+    "a thing taken up in a recording's last 2 and last 6 frames",
+    outside="of 6: a carry to where it is seen last",
 )
 @pytest.mark.parametrize(("left", "carries"), [(2, 0), (6, 1)])
 def test_the_last_frames(left, carries):
@@ -60,8 +60,8 @@ def test_the_last_frames(left, carries):
 
 
 @pytest.mark.numerics(
-    "times of frames that repeat, go backwards, jump by a day, and are shuffled",
-    outside="frames.zarr of a recording never has them; carries stay in the order of frames, with finite ends",
+    "times that repeat, go backwards, jump by a day, and are shuffled",
+    outside="carries stay in the order of frames, with finite ends",
 )
 @pytest.mark.parametrize(
     "seconds",

@@ -40,7 +40,7 @@ def wrong(found, truth):
 
 
 @pytest.mark.numerics(
-    "scenes of 4 mm to 4 km: share of pixels with a wrong instance",
+    "scenes of 4 mm to 4 km: share of wrong pixels",
     within=0.05,
     outside="near plane in proportion",
 )
@@ -66,7 +66,7 @@ def test_a_camera_that_sees_nothing(scene):
 
 
 @pytest.mark.numerics(
-    "half of the temporary Gaussians NaN or infinite: share of pixels with a wrong instance",
+    "half of the temporary Gaussians NaN or infinite: share of wrong pixels",
     within=0.05,
     outside="they are left out, and never stored",
 )
@@ -98,7 +98,7 @@ def diverge(monkeypatch, chosen, value):
 
 
 @pytest.mark.numerics(
-    "lifting on, and rendering of, Gaussians that are NaN or infinite",
+    "lifting on and rendering of NaN or infinite Gaussians",
     within=0.0,
     outside="as if they were not there",
 )

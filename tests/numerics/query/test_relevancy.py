@@ -40,7 +40,7 @@ def test_usual_temperatures(measured, exponent, seed):
 @pytest.mark.numerics(
     "temperatures of 1e2 to 1e4",
     within=1e-3,
-    outside="the error grows with the temperature; up to 1e38 the result is 0 or 1 without overflow",
+    outside="up to 1e38 the result is 0 or 1",
 )
 @given(exponent=st.floats(2, 4), seed=st.integers(0, 999))
 def test_high_temperatures(measured, exponent, seed):
@@ -61,7 +61,7 @@ def test_a_query_that_is_canonical(measured, temperature):
 
 
 @pytest.mark.numerics(
-    "float16 and bfloat16 features, queries and phrases, against the same numbers in float64",
+    "float16 and bfloat16 features, queries and phrases",
     within=1e-3,
     outside="computed in float32",
 )
@@ -75,8 +75,8 @@ def test_half_precision(measured, dtype, temperature):
 
 
 @pytest.mark.numerics(
-    "features of 0, NaN, infinity, and of lengths below 0.7 or above 1.3",
-    outside="relevancy 0: there is no feature",
+    "features of 0, NaN, infinity, and lengths below 0.7 or above 1.3",
+    outside="relevancy 0",
 )
 @pytest.mark.parametrize("temperature", ENDS)
 @pytest.mark.parametrize("value", [0.0, float("nan"), float("inf"), -float("inf"), 1e-3, 1e30])
@@ -102,7 +102,7 @@ def test_no_queries_give_an_empty_result():
 
 
 @pytest.mark.numerics(
-    "folded decoders: cosines of codes of length 1e-3 to 1e3 with a temperature of 10",
+    "folded decoders: cosines of codes of length 1e-3 to 1e3",
     within=1e-5,
     outside="non-finite codes: ValueError",
 )
