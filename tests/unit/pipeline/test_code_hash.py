@@ -1,25 +1,58 @@
-"""The code hash changes with executed code only."""
+"""The code hash changes with executed code only: modules, C++ sources, scripts and templates."""
 
 import sys
-import textwrap
 from pathlib import Path
 
 import pytest
 
 from egosplat.pipeline import code_hash as fingerprint
 from egosplat.pipeline import parsed_modules
-from egosplat.pipeline.code_hash import code_hash, modules_of
+from egosplat.pipeline.code_hash import code_hash, cpp_hash, cpp_tokens, modules_of, scripts_hash
 from egosplat.pipeline.stages import STAGES, code_of
 
 PACKAGE = Path(fingerprint.__file__).parents[1]
 
-FILES = {
-    "__init__": "",
-    "stage": '"""A stage."""\nfrom pkg import helper\n\ndef run(x):\n    """Run."""\n    return helper.double(x)\n',
-    "helper": "def double(x):\n    return 2 * x\n",
-    "other": "def triple(x):\n    return 3 * x\n",
-}
+HELPER = """\
+class HelperOptions(Options):
+    iterations: Count = 3000
 
+    @property
+    def doubled(self):
+        return 2 * self.iterations
+
+
+def double(x, log, name="cups"):
+    log(f"doubles {x} of {name}" + (" again" if x > 2 else ""))
+    if x < 0:
+        raise UserError(f"{x}: negative. Give {name + 1} or more.")
+    raise ValueError("not a number")
+"""
+STAGE = '''\
+"""A stage."""
+from pkg import helper
+from pkg.pages import story
+
+def run(x):
+    """Run."""
+    from pkg import kernels, later, templates
+    return helper.double(x)
+'''
+CPP = "// Twice.\nfloat twice(float x) { return 2.0f * x; }\n"
+FILES = {
+    "__init__.py": "",
+    "stage.py": STAGE,
+    "helper.py": HELPER,
+    "later.py": "LATER = 1\n",
+    "other.py": "def triple(x):\n    return 3 * x\n",
+    "pages/__init__.py": "",
+    "pages/story.py": "X = 1\n",
+    "pages/story.html.j2": "<p>",
+    "templates/__init__.py": "",
+    "templates/page.html.j2": "<p>",
+    "kernels/__init__.py": "",
+    "kernels/source/part.h": CPP,
+}
+"""Of the package ``pkg``, by path. Nothing imports ``other``."""
 
 CACHED = (
     fingerprint._find,
@@ -30,14 +63,15 @@ CACHED = (
 
 
 @pytest.fixture
-def package(tmp_path, monkeypatch):
-    folder = tmp_path / "pkg"
-    folder.mkdir()
+def stage_hash(tmp_path, monkeypatch):
+    """``stage_hash(file, text)``: the hash of the stage with another text of a file."""
     monkeypatch.syspath_prepend(str(tmp_path))
 
-    def write(**changes: str) -> str:
-        for name, text in (FILES | changes).items():
-            (folder / f"{name}.py").write_text(textwrap.dedent(text))
+    def write(file: str = "stage.py", text: str = STAGE) -> str:
+        for name, content in (FILES | {file: text}).items():
+            path = tmp_path / "pkg" / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(content)
         for cached in CACHED:
             cached.cache_clear()
         return code_hash("pkg.stage")
@@ -48,116 +82,46 @@ def package(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "change",
+    "file, old, new, same",
     [
-        {"helper": "# why\ndef double(x):\n    return 2 * x  # twice\n"},
-        {"helper": '"""Now documented."""\n\n\ndef double(x):\n    """Twice."""\n    return 2 * x\n'},
-        {"helper": "def double(x):\n\n    return (2\n            * x)\n"},
-        {"other": "def triple(x):\n    return 4 * x\n"},
-    ],
-    ids=["comment", "docstring", "layout", "unrelated module"],
-)
-def test_code_outside_the_import_closure_does_not_change_the_hash(package, change):
-    assert package() == package(**change)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"helper": "def double(x):\n    return 2.0 * x\n"},
-        {"helper": "def double(x, y=1):\n    return 2 * x\n"},
-        {"__init__": "import math\n"},
-        {"stage": "def run(x):\n    from pkg import other\n    return other.triple(x)\n"},
-    ],
-    ids=["constant", "default", "parent package", "import in a function"],
-)
-def test_code_inside_the_import_closure_changes_the_hash(package, change):
-    assert package() != package(**change)
-
-
-MESSAGES = """\
-def double(x, log, name):
-    log(f"doubles {x} of {name}" + (" again" if x > 2 else ""))
-    if x < 0:
-        raise UserError(f"{x}: negative. Give {name + 1} or more.")
-    raise ValueError("not a number")
-"""
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "same"),
-    [
-        ("doubles", "takes twice", True),
-        (" again", " once more", True),
-        ("negative. Give", "below 0; give", True),
-        ('"not a number"', '"infinite", "or not a number"', True),
-        ("{name + 1}", "{name + 2}", False),
-        ("x > 2", "x > 3", False),
-        ("ValueError", "TypeError", False),
+        ("helper.py", "def double(", "# why\ndef double(", True),
+        ("stage.py", '"""Run."""', '"""Run it."""', True),
+        ("stage.py", "helper.double(x)", "(helper\n            .double(x))", True),
+        ("other.py", "3 *", "4 *", True),
+        ("helper.py", "x > 2", "x > 2.0", False),
+        ("helper.py", '="cups"', '="mugs"', False),
+        ("__init__.py", "", "import math\n", False),
+        ("later.py", "1", "2", False),
+        # Of a message only what it computes.
+        ("helper.py", "doubles", "takes twice", True),
+        ("helper.py", " again", " once more", True),
+        ("helper.py", "negative. Give", "below 0; give", True),
+        ("helper.py", '"not a number"', '"infinite", "or not a number"', True),
+        ("helper.py", "{name + 1}", "{name + 2}", False),
+        ("helper.py", "x > 2", "x > 3", False),
+        ("helper.py", "ValueError", "TypeError", False),
+        # Values of options are parameters of the rule.
+        ("helper.py", "3000", "7000", True),
+        ("helper.py", "Count = 3000", "Natural = 3000\n    seed: int = 0", True),
+        (
+            "helper.py",
+            "class Helper",
+            "class OtherOptions(Options):\n    size: int = 1\n\n\nclass Helper",
+            True,
+        ),
+        ("helper.py", "2 *", "3 *", False),
+        ("helper.py", "(Options)", "", False),
+        # Templates beside a module that is reached, not those beside a package alone.
+        ("pages/story.html.j2", "<p>", "<div>", False),
+        ("templates/page.html.j2", "<p>", "<div>", True),
+        ("kernels/source/part.h", "2.0f", "2.5f", False),
+        ("kernels/source/part.h", "// Twice.", "/* Two times. */", True),
     ],
 )
-def test_of_a_message_only_what_it_computes_changes_the_hash(package, old, new, same):
-    assert (package(helper=MESSAGES) == package(helper=MESSAGES.replace(old, new))) == same
-
-
-OPTIONS = """\
-class HelperOptions(Options):
-    iterations: Count = 3000
-
-    @property
-    def doubled(self):
-        return 2 * self.iterations
-"""
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "same"),
-    [
-        ("3000", "7000", True),
-        ("Count = 3000", "Natural = 3000\n    seed: int = 0", True),
-        ("2 *", "3 *", False),
-        ("(Options)", "", False),
-        ("class Helper", "class OtherOptions(Options):\n    size: int = 1\n\n\nclass Helper", True),
-    ],
-)
-def test_of_options_the_keys_do_not_count(package, old, new, same):
-    """Their values are parameters of the rule."""
-    assert (package(helper=OPTIONS) == package(helper=OPTIONS.replace(old, new))) == same
-
-
-def test_a_template_beside_a_module_that_is_reached_counts(package, tmp_path):
-    files = {"pages/__init__": "", "pages/story": "X = 1\n", "stage": "from pkg.pages import story\n"}
-    (tmp_path / "pkg/pages").mkdir(parents=True)
-    template = tmp_path / "pkg/pages/story.html.j2"
-    template.write_text("<p>")
-    first = package(**files)
-    template.write_text("<div>")
-    assert package(**files) != first
-    other = files | {"stage": "import pkg.pages\n"}
-    first = package(**other)
-    template.write_text("<p>")
-    assert package(**other) == first
-
-
-KERNELS = {
-    "stage": "def run(x):\n    from pkg.kernels import library\n    return library.load(x)\n",
-    "kernels/__init__": "",
-    "kernels/library": "def load(x):\n    return x\n",
-}
-CPP = "// Twice.\nfloat twice(float x) { return 2.0f * x; }\n"
-
-
-def with_sources(package, folder, text: str, **changes: str) -> str:
-    """The stage's hash when ``text`` is one of the sources of the package's kernels."""
-    (folder / "pkg/kernels/source").mkdir(parents=True, exist_ok=True)
-    (folder / "pkg/kernels/source/part.h").write_text(text)
-    return package(**(KERNELS | changes))
-
-
-def test_the_sources_of_a_package_that_is_reached_count(package, tmp_path):
-    first = with_sources(package, tmp_path, CPP)
-    assert with_sources(package, tmp_path, CPP.replace("2.0f", "2.5f")) != first
-    assert with_sources(package, tmp_path, "/* Two times. */\n" + CPP.replace("{ ", "{\n    ")) == first
+def test_the_hash_changes_with_code_that_a_stage_executes(stage_hash, file, old, new, same):
+    assert old in FILES[file]
+    first = stage_hash()
+    assert (stage_hash(file, FILES[file].replace(old, new, 1)) == first) == same
 
 
 def test_library_versions_change_the_hash():
@@ -179,3 +143,65 @@ def test_every_template_and_table_is_code_of_a_page():
     folders = {path.parent for page in pages for path in modules_of(page).values() if path.stem != "__init__"}
     texts = [path for path in PACKAGE.rglob("*") if path.suffix in fingerprint.TEXTS]
     assert texts and {path.parent for path in texts} <= folders
+
+
+SOURCE = """\
+#include <cmath>
+#define TWICE(x) ((x) + (x))
+// Doubles.
+float twice(float x) { return 2.0f * x; }
+const char* text = "a // b";
+"""
+
+
+@pytest.mark.parametrize(
+    "old, new, same",
+    [
+        ("// Doubles.", "// Makes it two\n// times as large.", True),
+        ("2.0f * x", "2.0f /* not\n 3 */ * x", True),
+        ("{ return 2.0f * x; }", "{\n\n\treturn 2.0f*x;\n}", True),
+        ("#include <cmath>", "#  include <cmath>   // sqrt", True),
+        ("((x) + (x))", "\\\n    ((x) + (x))", True),
+        ("float twice", "\n\nfloat\ntwice", True),
+        ("2.0f", "2.5f", False),
+        ('"a // b"', '"a // c"', False),
+        ("x; }", "x; } // }\n}", False),
+        ("(x) + (x))\n", "(x) + (x)) +\n", False),
+        ("TWICE(x) (", "TWICE (x) (", False),
+        ("<cmath>\n", "<cmath> ", False),
+        ("// Doubles.", "#define MORE", False),
+    ],
+)
+def test_tokens_of_cpp_change_with_code_and_not_with_comments_and_layout(old, new, same):
+    assert old in SOURCE
+    assert (list(cpp_tokens(SOURCE.replace(old, new))) == list(cpp_tokens(SOURCE))) == same
+
+
+@pytest.mark.parametrize(
+    "text, tokens",
+    [
+        ("a++ + b", ["a", "++", "+", "b"]),
+        ("x>>=1'000;", ["x", ">>=", "1'000", ";"]),
+        ("1e-3f-x", ["1e-3f", "-", "x"]),
+        (r"'\'' '/' \"//\"".replace('\\"', '"'), [r"'\''", "'/'", '"//"']),
+        ('R"d(a "// b)d" // c', ['R"d(a "// b)d"']),
+        ("#if A\nb", ["#", "if", "A", "\n", "b"]),
+        ("a // joined \\\nstill a comment\nb", ["a", "b"]),
+    ],
+)
+def test_sources_are_split_into_the_tokens_of_cpp(text, tokens):
+    assert list(cpp_tokens(text)) == tokens
+
+
+def test_names_and_scripts_of_sources_count_and_other_files_do_not(tmp_path):
+    """A folder of C++ has the same hash with scripts and without."""
+    (tmp_path / "kernels.cpp").write_text(SOURCE)
+    first = cpp_hash(tmp_path)
+    (tmp_path / "notes.txt").write_text("why")
+    assert scripts_hash(tmp_path) == ""
+    (tmp_path / "page.js").write_text("one();")
+    script = scripts_hash(tmp_path)
+    (tmp_path / "page.js").write_text("two();")
+    assert scripts_hash(tmp_path) not in ("", script) and cpp_hash(tmp_path) == first
+    (tmp_path / "kernels.cpp").rename(tmp_path / "kernels.h")
+    assert cpp_hash(tmp_path) != first

@@ -26,22 +26,15 @@ def resolved(**user):
 
 def scene(tmp_path: Path, format: str = "plain", options: str = "", recording: str = "r", **user) -> Scene:
     """The only scene of a table."""
-    table = tmp_path / "scenes.tsv"
-    table.write_text(
-        f"dataset\tscene\tformat\trecording\toptions\nmine\ts\t{format}\t{recording}\t{options}\n"
-    )
+    table, row = tmp_path / "scenes.tsv", f"mine\ts\t{format}\t{recording}\t{options}\n"
+    table.write_text(f"dataset\tscene\tformat\trecording\toptions\n{row}")
     (found,) = read_scenes(resolved(scenes=str(table), **user)).values()
     return found
 
 
-def follow(found, published: bool = True) -> bool:
+def follow(found, models: str) -> bool:
     """Whether all keys that follow the set have the set's values."""
-    expected = (
-        VALUES
-        if published
-        else {section: {k: config.defaults()[section][k] for k in keys} for section, keys in VALUES.items()}
-    )
-    return all(found[section].items() >= keys.items() for section, keys in expected.items())
+    return all(found[section].items() >= keys.items() for section, keys in DEFAULTS[models].items())
 
 
 def test_the_values_of_the_small_models_are_the_defaults_of_the_options():
@@ -53,101 +46,73 @@ def test_the_values_of_the_small_models_are_the_defaults_of_the_options():
 def test_the_set_decides_with_every_preset(preset):
     """Switching models is one word, whatever the preset; nothing else changes with it."""
     published, small = (resolved(preset=preset, models={"set": name}) for name in ("published", "small"))
-    assert follow(published) and follow(small, published=False)
-    different = {
-        (section, name)
-        for section in VALUES
-        for name in published[section]
-        if published[section][name] != small[section][name]
-    }
-    assert different == {("models", "set"), *FOLLOW}
+    assert follow(published, "published") and follow(small, "small")
+    same = {s: {key for key, value in small[s].items() if published[s][key] == value} for s in VALUES}
+    assert {(s, key) for s in VALUES for key in {*small[s]} - same[s]} == {("models", "set"), *FOLLOW}
     assert {s for s in published if published[s] != small[s]} == set(VALUES)
-    assert follow(resolved(preset=preset), published=preset == "paper")
-
-
-def test_a_key_of_the_user_wins_over_the_set():
-    """An explicit value stays, at each place where a set can be chosen."""
-    own = {
-        "query": {"temperature": 5.0},
-        "models": {"set": "published", "clip_checkpoint": "mine.bin"},
-    }
-    found = resolved(**own)
-    assert found["query"] | {"temperature": 5.0, "min_score": 0.0} == found["query"]
-    assert found["models"]["clip_checkpoint"] == "mine.bin"
-    small = variant_config(resolved(**own, variants={"back": SMALL}), "back", "s")
-    assert small["query"] | {"temperature": 5.0, "min_score": 0.78} == small["query"]
-    assert small["models"]["clip_checkpoint"] == "mine.bin" and small["models"]["sam2_checkpoint"] == "small"
-
-
-def test_a_format_a_scene_and_a_variant_may_choose_a_set(tmp_path):
-    """Real recordings take the published models, and synthetic apartments the small ones."""
-    formats = {"plain": PUBLISHED | {"query": {"temperature": 5.0}}}
-    plain = scene(tmp_path, formats=formats)
-    adt = scene(tmp_path, "adt", "synthetic.seed=1", formats=formats)
-    assert plain.config["query"]["temperature"] == 5.0 and plain.config["query"]["min_score"] == 0.0
-    assert follow(plain.config | {"query": VALUES["query"]}) and follow(adt.config, published=False)
-    assert follow(scene(tmp_path, options="models.set=published").config)
-    assert follow(scene(tmp_path, options="models.set=small", preset="paper").config, published=False)
-    back = {name: {"extends": "other", "models": {"set": name}} for name in ("small", "auto")}
-    base = resolved(variants={"other": PUBLISHED} | back, **SMALL)
-    assert follow(variant_config(base, "other", "s"))
-    for name in back:
-        assert follow(variant_config(base, name, "s"), published=False)
-        assert variant_config(base, name, "s")["models"]["set"] == "small"
+    assert follow(resolved(preset=preset), "published" if preset == "paper" else "small")
 
 
 @pytest.mark.parametrize(
-    "format, options, metadata, expected",
+    "format, options, metadata, user, expected",
     [
-        ("plain", "", None, "photos"),
-        ("adt", "", None, "photos"),
-        ("adt", "", {"origin": "synthetic"}, "small"),
-        ("adt", "", {"origin": "real"}, "photos"),
-        ("adt", "synthetic.seed=1", None, "small"),
-        ("plain", "models.set=small", None, "small"),
-        ("plain", "models.set=published", None, "published"),
+        ("plain", "", None, {}, "photos"),
+        ("adt", "", None, {}, "photos"),
+        ("adt", "", {"origin": "synthetic"}, {}, "small"),
+        ("adt", "", {"origin": "real"}, {}, "photos"),
+        ("adt", "synthetic.seed=1", None, {"formats": {"plain": PUBLISHED}}, "small"),
+        ("plain", "", None, {"formats": {"plain": PUBLISHED}}, "published"),
+        ("plain", "models.set=small", None, {"preset": "paper"}, "small"),
+        ("plain", "models.set=published", None, {}, "published"),
     ],
 )
-def test_a_scene_without_a_choice_takes_the_set_that_suits_its_recording(
-    tmp_path, format, options, metadata, expected
+def test_a_scene_takes_the_set_that_is_chosen_or_that_suits_its_recording(
+    tmp_path, format, options, metadata, user, expected
 ):
     """Apartments take the small models, what was filmed takes words for photographs; published models are asked for."""
     recording = tmp_path / "recording"
     recording.mkdir()
     if metadata is not None:
         (recording / "metadata.json").write_text(json.dumps(metadata))
-    found = scene(tmp_path, format, options, recording=str(recording)).config
-    assert found["models"]["set"] == expected
-    for section, keys in DEFAULTS[expected].items():
-        assert found[section].items() >= keys.items()
+    found = scene(tmp_path, format, options, recording=str(recording), **user).config
+    assert found["models"]["set"] == expected and follow(found, expected)
 
 
 @pytest.mark.parametrize(
-    "options, user",
+    "options, user, models, asked",
     [
-        ("", {"query": {"min_score": 0.5}}),
-        ("query.min_score=0.78", {}),  # the small models' default is a choice here
-        ("", {"formats": {"plain": {"query": {"min_score": 0.78}}}}),
-        ("models.set=auto query.min_score=0.78", PUBLISHED),
+        ("", {"query": {"min_score": 0.5}}, "photos", 0.5),
+        ("query.min_score=0.78", {}, "photos", 0.78),  # the small models' default is a choice here
+        ("", {"formats": {"plain": {"query": {"min_score": 0.78}}}}, "photos", 0.78),
+        ("models.set=auto query.min_score=0.78", PUBLISHED, "photos", 0.78),
+        ("", PUBLISHED | {"query": {"min_score": 0.5}}, "published", 0.5),
+        ("", {"formats": {"plain": PUBLISHED | {"query": {"min_score": 0.5}}}}, "published", 0.5),
     ],
 )
-def test_a_key_of_the_user_stays_where_photos_are_taken_by_themselves(tmp_path, options, user):
+def test_a_key_of_the_user_wins_over_the_set(tmp_path, options, user, models, asked):
     found = scene(tmp_path, options=options, **user).config
-    asked = 0.5 if "0.5" in options + str(user) else 0.78
-    assert found["models"]["set"] == found["models"]["clip_checkpoint"] == "photos"
-    assert found["query"]["min_score"] == asked
+    assert (found["models"]["set"], found["query"]["min_score"]) == (models, asked)
+    assert found["query"]["temperature"] == DEFAULTS[models]["query"]["temperature"]
+
+
+def test_a_variant_may_choose_a_set_and_keeps_the_users_keys():
+    back = {name: {"extends": "other", "models": {"set": name}} for name in ("small", "auto")}
+    base = resolved(variants={"other": PUBLISHED} | back, **SMALL)
+    assert follow(variant_config(base, "other", "s"), "published")
+    for name in back:
+        assert follow(variant_config(base, name, "s"), "small")
+        assert variant_config(base, name, "s")["models"]["set"] == "small"
+    own = {"query": {"temperature": 5.0}, "models": {"set": "published", "clip_checkpoint": "mine.bin"}}
+    small = variant_config(resolved(**own, variants={"back": SMALL}), "back", "s")
+    assert (small["query"]["temperature"], small["query"]["min_score"]) == (5.0, 0.78)
+    assert small["models"]["clip_checkpoint"] == "mine.bin" and small["models"]["sam2_checkpoint"] == "small"
 
 
 def test_exactly_the_stages_with_a_key_of_the_set_change():
     """A stage that uses no model and none of the thresholds is shared."""
-    small, published = resolved(), resolved(**PUBLISHED)
-    published = locate_checkpoints(published)
-    own = {
-        stage
-        for stage in STAGES
-        if config.stage_values(stage, small) != config.stage_values(stage, published)
-    }
-    assert own == {
+    small, published = resolved(), locate_checkpoints(resolved(**PUBLISHED))
+    values = {stage: [config.stage_values(stage, one) for one in (small, published)] for stage in STAGES}
+    assert {stage for stage, (usual, other) in values.items() if usual != other} == {
         *("transient", "segments", "tiles", "view_features", "features", "histories", "metrics", "scene_page")
     }
     same = {stage for stage in STAGES if not reaches(stage, small, published)}
@@ -170,34 +135,16 @@ def test_published_checkpoints_are_files_of_the_cache(tmp_path):
         assert large["models"]["clip_checkpoint"] == "/data/models/ViT-B-16-quickgelu.dfn2b.bin"
 
 
-@pytest.mark.parametrize(
-    "keys, message",
-    [
-        (
-            {"sam2_config": "sam2_hiera_l"},
-            "models.sam2_checkpoint = published: .*'sam2_hiera_l'.*sam2.1_hiera_l",
-        ),
-        ({"clip_model": "ViT-H-14"}, "models.clip_checkpoint = published: .*'ViT-H-14'.*ViT-L-14"),
-    ],
-)
-def test_an_architecture_without_a_published_checkpoint_ends_the_run_at_its_start(tmp_path, keys, message):
-    """Not after an hour, when the stage loads it."""
-    with pytest.raises(UserError, match=message):
-        scene(tmp_path, models={"set": "published"} | keys)
-
-
 def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
     """docs/models.md does not drift from schema and catalogue."""
     lines = (PRESETS.parents[1] / "docs/models.md").read_text().splitlines()
     for section, name in FOLLOW:
         (row,) = [line for line in lines if line.startswith("| `") and f"`{section}.{name}`" in line]
         cells = [cell.strip().replace("`", "") for cell in row.split("|")]
-        for cell, value in zip(
-            cells[2:4], (DEFAULTS["small"][section][name], VALUES[section][name]), strict=True
-        ):
-            assert {None: "null"}.get(
-                value, f"{value:g}" if isinstance(value, float) else str(value)
-            ) in cell, row
+        for cell, models in zip(cells[2:4], ("small", "published"), strict=True):
+            value = DEFAULTS[models][section][name]
+            written = f"{value:g}" if isinstance(value, float) else str(value)
+            assert ("null" if value is None else written) in cell, row
     for one in CATALOGUE:
         (row,) = [line for line in lines if line.startswith(f"| `{one.architecture}` |")]
         digest = "yes" if one.sha256 else "no"
