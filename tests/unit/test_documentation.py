@@ -166,13 +166,12 @@ def test_the_conventions_have_every_array(name):
     """docs/conventions.md names axes, dtype and unit of each array as its schema declares them."""
     text = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
     part = text.partition(f"### {name}.zarr\n")[2].partition("\n### ")[0]
-    rows = [line.rpartition(" | ")[0] for line in part.splitlines() if line.startswith("| `")]
-    declared = SCHEMAS[name].fields.items()
-    expected = [
-        f"| `{array}` | {', '.join(map(str, field.dims))} | {field.dtype}, {field.unit}".removesuffix(", -")
-        for array, field in declared
+    lines = re.findall(r"^- (`.*?`) (\(.*?\), .*?): ", part, re.MULTILINE)
+    rows = [(array, kind) for arrays, kind in lines for array in re.findall(r"`([\w/]+)`", arrays)]
+    assert rows == [
+        (array, f"({', '.join(map(str, field.dims))}), {field.dtype}, {field.unit}".removesuffix(", -"))
+        for array, field in SCHEMAS[name].fields.items()
     ]
-    assert rows == expected
 
 
 def test_the_citation_names_this_version_and_the_paper():
