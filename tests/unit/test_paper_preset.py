@@ -12,21 +12,14 @@ from egosplat.pipeline.model_sets import DEFAULTS
 FOLLOW = {f"{section}.{name}" for section, keys in DEFAULTS["published"].items() for name in keys}
 ROOT = Path(__file__).resolve().parents[2]
 PRESETS = ROOT / "config" / "presets"
-ROW = re.compile(
-    r"\| (?P<said>.*?) ?\| `(?P<key>[a-z_0-9.]+)`(?: \((?P<format>[a-z0-9]+)\))? \| `(?P<value>.*?)` \|.*\|"
-)
+VALUE = re.compile(r"`(?P<key>[a-z_0-9]+\.[a-z_0-9]+)`(?: \((?P<format>[a-z0-9]+)\))? `(?P<value>.*?)`")
 
 
 def rows() -> dict[tuple[str, str], str]:
     """Value, as it is written, by format (empty for all) and key."""
     page = (ROOT / "docs" / "method.md").read_text().partition("\n## The preset `paper`\n")[2]
-    table = [
-        line
-        for line in page.splitlines()
-        if line.startswith("| ") and "---" not in line and "| key |" not in line
-    ]
-    found = [ROW.fullmatch(line) for line in table]
-    assert all(found), [line for line, match in zip(table, found, strict=True) if not match]
+    cells = [line.split(" | ")[1] for line in page.splitlines() if line.startswith("| ")]
+    found = [match for cell in cells for match in VALUE.finditer(cell)]
     keys = [(match["format"] or "", match["key"]) for match in found]
     assert len(keys) == len(set(keys)) > 50
     return dict(zip(keys, (match["value"] for match in found), strict=True))
