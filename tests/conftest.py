@@ -7,8 +7,9 @@ import re
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Generator, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -257,3 +258,32 @@ def one_scene(tmp_path: Path) -> Callable[..., Workdir]:
         return Workdir(folder, code=ROOT / "src")
 
     return make
+
+
+@pytest.fixture(scope="session")
+def page_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """``results/scene1``: the small scene of the scene page, and its page. Tests must not change it."""
+    from tests.support.page_scene import put_page_scene, write_page
+
+    folder = tmp_path_factory.mktemp("page") / "results/scene1"
+    folder.mkdir(parents=True)
+    put_page_scene(folder)
+    write_page(folder)
+    return folder
+
+
+@pytest.fixture
+def serve() -> Iterator[Callable[..., Any]]:
+    """``serve(page, answer, host)``: a ``PageServer`` that runs until the test ends."""
+    from egosplat.viewing.server import PageServer
+
+    with ExitStack() as running:
+
+        def make(page: str, answer: Callable[[str], Any], host: str = "127.0.0.1") -> PageServer:
+            server = running.enter_context(PageServer(host, 0))
+            running.callback(server.shutdown)
+            server.offer(page, answer)
+            threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
+            return server
+
+        yield make

@@ -13,6 +13,8 @@ from egosplat.query.text import Texts
 
 WIDTH = 512
 ENDS = [1e-3, 1.0, 10.0, 1e3, 1e4]
+IDENTITY = Decoder((4,), np.zeros(0, np.float32))
+SEEN = torch.ones(1, 2, 2, 4), torch.ones(1, 2, 2, dtype=torch.bool)
 
 
 def directions(seed: int, count: int) -> torch.Tensor:
@@ -21,9 +23,7 @@ def directions(seed: int, count: int) -> torch.Tensor:
     return torch.from_numpy(rows / np.linalg.norm(rows, axis=1, keepdims=True)).float()
 
 
-def papers(
-    features: torch.Tensor, queries: torch.Tensor, canonical: torch.Tensor, temperature: float
-) -> torch.Tensor:
+def papers(features, queries, canonical, temperature: float) -> torch.Tensor:
     """The paper's minimum over softmaxes of pairs, in float64."""
     fits, common = (features.double() @ rows.double().T for rows in (queries, canonical))
     pairs = torch.stack(torch.broadcast_tensors(fits[:, :, None], common[:, None, :]))
@@ -93,9 +93,7 @@ def test_invalid_features_have_no_relevancy(value, temperature):
     "no query, and no canonical phrase", outside="an empty result; ValueError of the options"
 )
 def test_no_queries_give_an_empty_result():
-    texts = Texts((), torch.zeros(0, 4), torch.eye(4))
-    codes, seen = torch.ones(1, 2, 2, 4), torch.ones(1, 2, 2, dtype=torch.bool)
-    found = relevancy_maps(codes, seen, Decoder((4,), np.zeros(0, np.float32)), texts, 10.0)
+    found = relevancy_maps(*SEEN, IDENTITY, Texts((), torch.zeros(0, 4), torch.eye(4)), 10.0)
     assert found.shape == (0, 1, 2, 2)
     with pytest.raises(ValueError, match="canonical"):
         QueryOptions(**vars(LANGSPLAT) | {"canonical": ()})
@@ -123,9 +121,7 @@ def test_folded_decoders(measured, exponent, seed):
 @pytest.mark.numerics("rendered codes with one NaN or infinity", outside="ValueError")
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_codes_that_are_not_finite(value):
-    codes = torch.ones(1, 2, 2, 4)
+    codes, texts = SEEN[0].clone(), Texts(("a",), torch.eye(4)[:1], torch.eye(4)[1:])
     codes[0, 1, 1, 2] = value
-    texts = Texts(("a",), torch.eye(4)[:1], torch.eye(4)[1:])
-    identity, seen = Decoder((4,), np.zeros(0, np.float32)), torch.ones(1, 2, 2, dtype=torch.bool)
     with pytest.raises(ValueError, match="not finite"):
-        relevancy_maps(codes, seen, identity, texts, 10.0)
+        relevancy_maps(codes, SEEN[1], IDENTITY, texts, 10.0)

@@ -1,18 +1,29 @@
 """A recording with annotations: a chair, two books of which one moves, a person, and the room."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
+from egosplat.evaluation import stage
 from egosplat.frames.recording import Instance
 from tests.support.scenes import put
 
 HEIGHT, WIDTH = 30, 40
+ARTIFACTS = ("frames", "poses", "annotations", "features", "splats", "language")
+
+
+def score(folder: Path, artifacts: Sequence[str] = ARTIFACTS, told=None, **keys: Any) -> Path:
+    """``folder/metrics.json``. One thing is asked for that is absent: the defaults' words take longer than all else."""
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in artifacts}
+    options, output = stage.MetricsOptions(**{"negatives": ["basketball"]} | keys), folder / "metrics.json"
+    stage.run(**paths, output=output, options=options, title="a/scene", **told or {})
+    return output
 
 
 @pytest.fixture

@@ -34,13 +34,17 @@ def masks() -> np.ndarray:
     return found
 
 
+def layers_and_queries(masks) -> tuple[np.ndarray, list[Query]]:
+    layers = paint_layers(enumerate(masks), SIZE)
+    return layers, [Query(0, 0, *named) for named in categories(layers, INSTANCES, EVERY)]
+
+
 def test_the_most_relevant_class_wins_and_the_first_of_equal_ones():
     one, two = np.zeros(SIZE, np.float32), np.zeros(SIZE, np.float32)
     one[:6], two[:, :8], two[0, 0] = 0.5, 0.5, 0.6
-    shown = [
-        ViewMatch(name, 1.0, "whole", None, None, x, None, x > 9) for name, x in (("one", one), ("two", two))
-    ]
-    second, first = (answer.mask for answer in mask_classes(lambda *_: shown, ())(0, ["two", "one"]))
+    maps = ("1", one), ("2", two)
+    shown = [ViewMatch(name, 1.0, "whole", None, None, x, None, x > 9) for name, x in maps]
+    second, first = (answer.mask for answer in mask_classes(lambda *_: shown, ())(0, ["2", "1"]))
     assert (first == ((one > 0) & (one >= two))).all() and second[0, 0]
     assert second.sum() == 6 * 8 + 1
     # Nothing is visible in the last columns of the lower half.
@@ -49,9 +53,8 @@ def test_the_most_relevant_class_wins_and_the_first_of_equal_ones():
 
 def test_the_share_of_right_pixels_is_that_of_equal_rows_of_labels(masks):
     """As 3D-OVS counts: a pixel is right if the row of its labels is that of its class alone."""
-    rng, layers = np.random.default_rng(0), paint_layers(enumerate(masks), SIZE)
-    winner = rng.integers(0, 3, SIZE)
-    queries = queries_of(layers)
+    layers, queries = layers_and_queries(masks)
+    winner = np.random.default_rng(0).integers(0, 3, SIZE)
     right = [count_right(one, winner == one.instances["all"][0], layers, INSTANCES) for one in queries]
     predicted = np.stack([winner == index for index in range(3)])
     expected = (predicted == masks).all(axis=0).mean()
@@ -63,23 +66,17 @@ def test_the_share_of_right_pixels_is_that_of_equal_rows_of_labels(masks):
     assert pixel_accuracy([], 9) is None
 
 
-def queries_of(layers: np.ndarray) -> list[Query]:
-    return [Query(0, 0, name, groups) for name, groups in categories(layers, INSTANCES, EVERY)]
-
-
 def test_what_others_cover_is_scored_whole(masks):
-    layers = paint_layers(enumerate(masks), SIZE)
+    layers, queries = layers_and_queries(masks)
     assert len(layers) > 1
-    for query in queries_of(layers):
+    for query in queries:
         (index,) = query.instances["all"]
-        rows, columns = np.nonzero(masks[index])
-        assert bounding_boxes(layers, [index]).tolist() == [
-            [columns.min(), rows.min(), columns.max(), rows.max()]
-        ]
-        assert (mask_of(layers, [index]) == masks[index]).all()
-        score = score_query(query, (columns[0], rows[0]), masks[index], layers, np.ones(SIZE, bool), "mask")[
-            "all"
-        ]
+        mask = masks[index]
+        rows, columns = np.nonzero(mask)
+        [box] = bounding_boxes(layers, [index]).tolist()
+        assert box == [columns.min(), rows.min(), columns.max(), rows.max()]
+        assert (mask_of(layers, [index]) == mask).all()
+        score = score_query(query, (columns[0], rows[0]), mask, layers, np.ones(SIZE, bool), "mask")["all"]
         assert score.hit and score.iou == 1.0
         # The first layer alone has the sign, and parts of the box and the wall.
-        assert (mask_of(layers[0], [index]) == masks[index]).all() == (index == 1)
+        assert (mask_of(layers[0], [index]) == mask).all() == (index == 1)

@@ -21,12 +21,9 @@ def hits_of(rng: np.random.Generator, share: float, categories: int = 22, frames
     return cluster(np.repeat(found, frames), np.repeat([f"thing {n}" for n in range(categories)], frames))
 
 
-def width(found) -> float:
-    return found.high - found.low
-
-
-def covers(found, value: float) -> bool:
-    return found.low <= value <= found.high
+def covered(scenes, truth: float) -> bool:
+    interval = clustered_interval(scenes, IntervalOptions(confidence=0.95, resamples=500, seed=0))
+    return interval.low <= truth <= interval.high
 
 
 def test_values_are_summed_by_category():
@@ -38,36 +35,30 @@ def test_values_are_summed_by_category():
 def test_categories_that_are_hit_together_are_covered_as_often_as_said():
     """The interval over queries, which takes them for independent, covers far too rarely."""
     rng = np.random.default_rng(3)
-    options = IntervalOptions(confidence=0.95, resamples=500, seed=0)
     clustered = naive = 0
     for _ in range(300):
         scene = hits_of(rng, 0.55)
-        clustered += covers(clustered_interval([scene], options), 0.55)
+        clustered += covered([scene], 0.55)
         alone = Clusters(np.repeat(scene.totals / scene.counts, 4), np.ones(4 * len(scene.counts)))
-        naive += covers(clustered_interval([alone], options), 0.55)
-    assert 0.92 <= clustered / 300 <= 0.98
-    assert naive / 300 < 0.75
+        naive += covered([alone], 0.55)
+    assert 0.92 <= clustered / 300 <= 0.98 and naive / 300 < 0.75
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.15])
 def test_means_over_scenes_are_covered_as_often_as_said(spread):
-    """Five scenes that differ by chance alone, or by themselves as well."""
-    rng = np.random.default_rng(5)
-    options = IntervalOptions(confidence=0.95, resamples=500, seed=0)
-    found = 0
+    rng, found = np.random.default_rng(5), 0
     for _ in range(300):
         shares = np.clip(rng.normal(0.5, spread, 5), 0, 1)
-        found += covers(clustered_interval([hits_of(rng, share) for share in shares], options), 0.5)
+        found += covered([hits_of(rng, share) for share in shares], 0.5)
     assert 0.92 <= found / 300
 
 
 def test_a_category_weighs_as_much_as_it_has_queries():
-    """A ratio estimate: the mean is over queries, though categories are drawn."""
     counts = np.array([30.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
     scene = Clusters(np.array([15.0, 0.0, 1.0, 0.0, 1.0, 0.0, 1.0]), counts)
-    assert scene.mean == 0.5
     even = Clusters(scene.totals / counts, np.ones(7))
-    assert width(clustered_interval([scene], OPTIONS)) < width(clustered_interval([even], OPTIONS))
+    own, other = (clustered_interval([one], OPTIONS) for one in (scene, even))
+    assert scene.mean == 0.5 and own.high - own.low < other.high - other.low
 
 
 def test_two_categories_leave_the_doubt_of_two_numbers():
@@ -81,28 +72,21 @@ def test_two_categories_leave_the_doubt_of_two_numbers():
 
 @pytest.mark.parametrize("hit", [0.0, 1.0])
 def test_all_hit_or_all_missed_leaves_the_doubt_of_so_many_categories(hit):
-    """Wilson's interval of 22 of 22; resampling alone would show no doubt at all."""
     found = clustered_interval([Clusters(np.full(22, 4 * hit), np.full(22, 4.0))], OPTIONS)
     doubt = 1.959964**2 / (22 + 1.959964**2)
     expected = (1 - doubt, 1.0) if hit else (0.0, doubt)
     assert (found.low, found.high) == pytest.approx(expected, abs=1e-6)
     # Of differences, which may be below 0 as well.
-    if not hit:
-        found = clustered_interval([Clusters(np.zeros(22), np.full(22, 4.0))], OPTIONS, least=-1.0)
-        assert (found.low, found.high) == pytest.approx((-doubt, doubt), abs=1e-6)
+    found = clustered_interval([Clusters(np.zeros(22), np.full(22, 4.0))], OPTIONS, least=-1.0)
+    assert (found.low, found.high) == pytest.approx((-doubt, doubt), abs=1e-6)
 
 
-@pytest.mark.parametrize("categories", [0, 1])
-def test_a_single_category_has_no_interval(categories):
-    assert clustered_interval([Clusters(np.ones(categories), np.full(categories, 5.0))], OPTIONS) is None
-    assert clustered_interval([], OPTIONS) is None
-
-
-def test_scenes_without_queries_are_ignored():
+def test_scenes_without_queries_are_ignored_and_a_single_category_has_no_interval():
     scene, empty = Clusters(np.array([1.0, 0.0]), np.array([1.0, 3.0])), cluster([], [])
-    assert mean_of_scenes([scene, empty]) == 0.25
+    assert mean_of_scenes([scene, empty]) == 0.25 and np.isnan(mean_of_scenes([empty]))
     assert clustered_interval([scene, empty], OPTIONS) == clustered_interval([scene], OPTIONS)
-    assert np.isnan(mean_of_scenes([empty]))
+    for scenes in ([Clusters(np.ones(1), np.full(1, 5.0))], [empty], []):
+        assert clustered_interval(scenes, OPTIONS) is None
 
 
 @pytest.mark.parametrize(

@@ -62,22 +62,16 @@ def answers(seed: int) -> np.ndarray:
 def test_hit_and_iou_are_the_reference_s(seed):
     named = [(name, outline) for name, outlines in OUTLINES.items() for outline in outlines]
     instances = [Instance(index + 1, name, name, "static", "object") for index, (name, _) in enumerate(named)]
-    layers = paint_layers(
-        ((index, outline_mask([outline])) for index, (_, outline) in enumerate(named)), (HEIGHT, WIDTH)
-    )
-    found = {name: groups for name, groups in categories(layers, instances, OPTIONS)}
+    masks = [(index, outline_mask([outline])) for index, (_, outline) in enumerate(named)]
+    layers, everything = paint_layers(masks, (HEIGHT, WIDTH)), np.ones((HEIGHT, WIDTH), bool)
+    found = dict(categories(layers, instances, OPTIONS))
     assert {name: groups["all"] for name, groups in found.items()} == {"bowl": (0, 1), "egg": (2,)}
     for number, (name, groups) in enumerate(found.items()):
         maps = answers(10 * seed + number)
-        read = read_maps(maps, np.ones((HEIGHT, WIDTH), bool), OPTIONS)
-        side = OPTIONS.majority_px(max(HEIGHT, WIDTH))
-        (_, _, pixel), (_, mask) = (
-            localize(read.smooth, read.shown),
-            segment(read, OPTIONS.segmentation_threshold, side),
-        )
-        query = Query(0, 0, name, groups)
-        score = score_query(query, pixel, mask, layers, np.ones((HEIGHT, WIDTH), bool), OPTIONS.hit_region)[
-            "all"
-        ]
+        read = read_maps(maps, everything, OPTIONS)
+        _, _, pixel = localize(read.smooth, read.shown)
+        _, mask = segment(read, OPTIONS.segmentation_threshold, OPTIONS.majority_px(WIDTH))
+        given = Query(0, 0, name, groups), pixel, mask, layers, everything, OPTIONS.hit_region
+        score = score_query(*given)["all"]
         hit, iou = reference(maps, name)
         assert score.hit == hit and score.iou == pytest.approx(iou, abs=2e-3)

@@ -31,28 +31,22 @@ def groups(instance_map, instances, valid) -> dict[str, np.ndarray]:
     return regions(instance_map, instances, valid)
 
 
-def test_moving_instances_are_dynamic_and_all_else_static(instance_map, groups, valid):
+def test_moving_instances_are_dynamic_and_all_else_static(instance_map, instances, groups, valid):
     np.testing.assert_array_equal(groups["dynamic"], np.isin(instance_map, (2, 3)))
     np.testing.assert_array_equal(groups["static"], np.isin(instance_map, (0, 1, 4)))
     np.testing.assert_array_equal(groups["all"], valid)
-
-
-def test_unannotated_pixels_are_static(instance_map, instances):
-    groups = regions(instance_map, instances, np.ones(instance_map.shape, bool))
-    assert groups["static"][:, :2].all() and groups["all"].all()
+    # Also what nobody has annotated.
+    everything = regions(instance_map, instances, np.ones(instance_map.shape, bool))
+    assert everything["static"][:, :2].all() and everything["all"].all()
     nothing = regions(np.full((8, 8), -1, np.int32), [], np.ones((8, 8), bool))
     assert nothing["static"].all() and not nothing["dynamic"].any()
 
 
-def test_equal_pictures_are_perfect(photograph, valid, groups):
-    found = region_scores(photograph, photograph, valid, groups)
-    assert {name: one.pixels for name, one in found.items()} == {"static": 1030, "dynamic": 110, "all": 1140}
-    for one in found.values():
-        assert one.psnr == math.inf and one.ssim == pytest.approx(1.0, abs=1e-6)
-
-
 def test_an_error_is_where_it_is(photograph, valid, groups):
     """20 of 255 on what moves: 20 log10(255 / 20) dB there, and less by the share of pixels over all."""
+    same = region_scores(photograph, photograph, valid, groups)
+    assert {name: one.pixels for name, one in same.items()} == {"static": 1030, "dynamic": 110, "all": 1140}
+    assert all(one.psnr == math.inf and one.ssim == pytest.approx(1.0, abs=1e-6) for one in same.values())
     render = photograph.copy()
     render[groups["dynamic"]] += 20
     found = region_scores(render, photograph, valid, groups)
@@ -66,14 +60,9 @@ def test_an_error_is_where_it_is(photograph, valid, groups):
     assert 0 < counts["dynamic"] < 110 and counts["static"] + counts["dynamic"] == counts["all"]
     parts = sum(counts[name] * found[name].ssim for name in ("static", "dynamic"))
     assert found["all"].ssim == pytest.approx(parts / counts["all"])
-
-
-def test_pixels_that_are_not_valid_do_not_count(photograph, valid, groups):
-    render = photograph.copy()
-    render[5, 10] = 0
-    expected = region_scores(render, photograph, valid, groups)
+    # Pixels that are not valid do not count.
     render[~valid] = 255
-    assert region_scores(render, photograph, valid, groups) == expected
+    assert region_scores(render, photograph, valid, groups) == found
 
 
 def test_the_mean_is_over_pictures_that_have_the_region():

@@ -13,82 +13,49 @@ from jsonschema import ValidationError
 from egosplat.artifacts import provenance
 from egosplat.artifacts.lineage import check_tree
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import FEATURES, FRAMES, LANGUAGE, SPLATS
+from egosplat.artifacts.schemas import FEATURES, FRAMES, LANGUAGE
 from egosplat.errors import UserError
-from egosplat.evaluation import stage
 from egosplat.evaluation.document import finite, write_metrics
 from egosplat.evaluation.evaluation_frames import SCORED, read_evaluation
 from egosplat.evaluation.scores import ask_of
 from egosplat.models.suitability import notice
-from egosplat.pipeline.validation import Draft202012Validator, schema
 from egosplat.query import finished_scene
 from tests.support.scenes import put
-
-KINDS = {"splats": SPLATS, "language": LANGUAGE}
-NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
+from tests.unit.evaluation.conftest import ARTIFACTS, score
 
 
-@pytest.fixture
-def scored(tmp_path):
-    """``scored(folder, **keys)``: what the stage writes, which matches its schema. One thing is absent, because the defaults' words take longer than all else."""
-
-    def run(folder, method=None, told=None, histories=None, **keys):
-        paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
-        paths |= {} if histories is None else {"histories_path": histories}
-        output = tmp_path / "metrics.json"
-        options = stage.MetricsOptions(**{"negatives": ["basketball"]} | keys)
-        stage.run(**paths, output=output, options=options, title="a/scene", method=method, **(told or {}))
-        found = json.loads(output.read_text())
-        Draft202012Validator(schema("metrics")).validate(found)
-        return found
-
-    return run
+def scored(*given, **keys):
+    return json.loads(score(*given, **keys).read_text())
 
 
 @pytest.fixture(scope="module")
-def written(word_scene_in, tmp_path_factory):
-    """The text of the metrics.json of ``word_scene`` under the defaults."""
-    folder = word_scene_in(tmp_path_factory.mktemp("usual"))
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
-    given = {"output": folder / "metrics.json", "options": stage.MetricsOptions()}
-    stage.run(**paths, **given, title="a/scene", method=None)
-    return given["output"].read_text()
-
-
-@pytest.fixture
-def usual(written):
+def usual(word_scene_in, tmp_path_factory):
     """``scored(word_scene())``."""
-    return json.loads(written)
+    return scored(word_scene_in(tmp_path_factory.mktemp("usual")))
 
 
-def test_codes_from_tiles_are_scored_without_features(word_scene, tmp_path):
+def test_codes_from_tiles_are_scored_without_features(word_scene):
     """Protects the text encoder, which is then that of the tiles, and the decoder, that of language.zarr."""
     folder = word_scene()
-    splats, language = (open_artifact(folder / f"{name}.zarr", kind) for name, kind in KINDS.items())
+    language = open_artifact(folder / "language.zarr", LANGUAGE)
     clip = open_artifact(folder / "features.zarr", FEATURES).facts["clip"]
-    channels = language.shape("code")[2]
-    arrays = {name: language.read(name) for name in ("code", "share")} | {
-        "decoder/values": np.zeros(0, np.float32)
-    }
-    facts = language.facts | {"decoder": {"widths": [channels]}}
+    arrays = {name: language.read(name) for name in ("code", "share")}
+    arrays["decoder/values"] = np.zeros(0, np.float32)
+    facts = language.facts | {"decoder": {"widths": [arrays["code"].shape[2]]}}
     for name in ("features", "language"):
         shutil.rmtree(folder / f"{name}.zarr")
     put(folder, "tiles", {}, {"clip": clip}, made_from=["frames"])
     put(folder, "language", arrays, facts, made_from=["frames", "poses", "tiles", "splats"])
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES if name != "features"}
-    options, output = stage.MetricsOptions(), tmp_path / "metrics.json"
-    given = {"output": output, "options": options, "title": "a/scene", "method": "LERF"}
-    stage.run(**paths, **given, tiles_path=folder / "tiles.zarr")
-    found = json.loads(output.read_text())
+    names = [name for name in ARTIFACTS if name != "features"]
+    found = scored(folder, [*names, "tiles"], {"method": "LERF"})
     assert found["scores"]["all"]["accuracy"] == 1.0 and "views" not in found["counts"]
-    assert found["counts"]["gaussians"] == splats.shape("means")[0] and set(found["artifacts"]) == {
-        f"{name}.zarr" for name in (*NAMES, "tiles") if name != "features"
-    }
+    assert found["counts"]["gaussians"] == len(arrays["code"])
+    assert set(found["artifacts"]) == {f"{name}.zarr" for name in (*names, "tiles")}
     with pytest.raises(UserError, match="give --features or --tiles"):
-        stage.run(**paths, **given)
+        score(folder, names)
 
 
-def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, scored, monkeypatch):
+def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, monkeypatch):
     """Protects the scores from annotations that leak into answers."""
     encode = finished_scene.encode_texts
 
@@ -101,33 +68,30 @@ def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, scored, monk
 
 
 def test_perfect_codes_score_perfectly(usual):
-    found = usual
     # Couch and cup, in the held-out frame and in the one that was trained on.
-    assert [(one["frame"], one["category"]) for one in found["queries"]] == [
-        (frame, name) for frame in (1, 2) for name in ("couch", "cup")
-    ]
+    asked = [(one["frame"], one["category"]) for one in usual["queries"]]
+    assert asked == [(frame, name) for frame in (1, 2) for name in ("couch", "cup")]
+    scores = usual["scores"]
     for name, count in (("static", 2), ("dynamic", 2), ("all", 4)):
-        score = found["scores"][name]
+        score = scores[name]
         assert (score["count"], score["accuracy"]) == (count, 1.0) and score["mean_iou"] > 0.8
     # Two categories leave a doubt; one alone, a couch or a cup, tells nothing of others.
-    assert found["scores"]["all"]["accuracy_interval"][0] < 0.5
-    assert found["scores"]["all"]["accuracy_interval"][1] == 1.0
-    assert found["scores"]["static"]["accuracy_interval"] is None
-    assert found["scores"]["static"]["categories"] == 1
-    couch, cup = found["queries"][:2]
+    low, high = scores["all"]["accuracy_interval"]
+    assert low < 0.5 and high == 1.0
+    assert scores["static"]["accuracy_interval"] is None and scores["static"]["categories"] == 1
+    couch, cup = usual["queries"][:2]
     assert couch["level"] == couch["mask_level"] == "whole" and couch["relevancy"] > 0.5
     assert set(couch["groups"]) == {"static", "all"} and set(cup["groups"]) == {"dynamic", "all"}
     assert couch["groups"]["all"]["instances"] == ["Couch_1"]
     # Each half of the 46 valid rows; the middle of the picture is in the right half.
-    assert found["scores"]["all"]["random_pixel"] == found["scores"]["all"]["middle_pixel"] == 0.5
+    assert scores["all"]["random_pixel"] == scores["all"]["middle_pixel"] == 0.5
     assert [one["groups"]["all"]["middle_hit"] for one in (couch, cup)] == [False, True]
     assert couch["pixel"][0] < 24 <= cup["pixel"][0]
     assert couch["position"][0] < 0 < cup["position"][0]
     assert cup["position"][2] == pytest.approx(2.0, abs=0.01)
 
 
-def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene, scored):
-    """Couch and cup are found on their own halves; absent things are counted, and untaught words are refused."""
+def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene):
     found = scored(word_scene(), negatives=["couch", "basketball", "spaceship"], min_score=0.7)["presence"]
     rows = {one["phrase"]: one for one in found["queries"]}
     assert set(rows) == {"couch", "cup", "basketball", "spaceship"}
@@ -135,44 +99,45 @@ def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene, 
     assert found["present"] == counts
     assert found["absent"] == {"asked": 2, "answered": 0, "untaught": 1, "guessed": 0}
     assert found["separation"] == 1.0 and found["min_score"] == 0.7
-    assert rows["spaceship"]["untaught"] and not rows["spaceship"]["answered"]
-    assert rows["couch"]["right"] and rows["basketball"]["right"] is None
+    assert rows["spaceship"]["untaught"] and rows["basketball"]["right"] is None
     # A limit of one's own is no calibration; the evidence is there all the same.
     assert rows["couch"]["grade"] == "found" and rows["couch"]["probability"] is None
     assert rows["couch"]["evidence"]["lead"] > 0 > rows["basketball"]["evidence"]["lead"]
 
 
-def test_small_checkpoints_on_real_data_are_noted_in_scores_and_log(word_scene, scored, capfd):
-    found = scored(word_scene(origin="real"))
-    assert found["notice"] == notice("real", {"clip_checkpoint": "small"})
-    assert f"notice: {found['notice']}\n" in capfd.readouterr().err
-
-
-def test_alarms_of_artifacts_are_in_the_scores_and_at_the_end_of_the_log(word_scene, scored, capfd):
+def test_a_run_tells_its_setup_and_its_log_ends_with_notice_and_alarms(word_scene, usual, monkeypatch, capfd):
     """Of four frames three have a pose, the splats tell a PSNR of 0, and four answers in two categories may be chance."""
-    found = scored(word_scene())
-    assert found["notice"] is None
+    monkeypatch.setattr(provenance, "checkout", lambda: {"commit": "c0de", "clean": False})
+    folder = word_scene(origin="real")
+    found = scored(folder, told={"preset": "draft", "world_seed": 7, "camera": "real"})
+    assert usual["notice"] is None and found["notice"] == notice("real", {"clip_checkpoint": "small"})
     keys = [alarm["key"] for alarm in found["alarms"]]
     assert keys == ["poses.registered", "splats.psnr", "metrics.chance"]
     assert found["alarms"][0]["figures"] == {"value": 0.75, "limit": 0.9}
-    last = capfd.readouterr().err.splitlines()[-3:]
+    noted, *last = capfd.readouterr().err.splitlines()[-4:]
+    assert noted == f"notice: {found['notice']}"
     assert [line.split(": ")[:2] for line in last] == [["alarm", key] for key in keys]
+    recording = {"kind": "plain", "name": "a recording", "frames": 4, "seconds": 0.3, "seed": 7}
+    recording |= {"camera": "real", "hash": open_artifact(folder / "frames.zarr", FRAMES).digest}
+    assert found["recording"] == recording
+    assert (found["preset"], found["seed"], found["clean"]) == ("draft", 3, False)
+    assert found["commit"] == found["provenance"]["commit"] == "c0de"
+    assert usual["recording"]["seed"] is usual["recording"]["camera"] is usual["preset"] is None
 
 
 def test_renders_are_scored_where_frames_are_held_out(usual):
-    found = usual
-    held_out, trained_on, without_pose = found["frames"]
-    assert [frame["queries"] for frame in found["frames"]] == [2, 2, 0]
+    held_out, trained_on, without_pose = usual["frames"]
+    assert [frame["queries"] for frame in usual["frames"]] == [2, 2, 0]
     assert not trained_on["rendering"] and not without_pose["rendering"]
     assert trained_on["trained_on"] and not without_pose["registered"]
     dynamic = held_out["rendering"]["dynamic"]
     assert dynamic["psnr"] == pytest.approx(20 * math.log10(255 / 20), abs=1e-3)
     assert held_out["rendering"]["static"]["psnr"] is None  # infinite
     assert dynamic["pixels"] == 46 * 24
-    assert found["rendering"]["dynamic"] == {"frames": 1, "psnr": dynamic["psnr"], "ssim": dynamic["ssim"]}
+    assert usual["rendering"]["dynamic"] == {"frames": 1, "psnr": dynamic["psnr"], "ssim": dynamic["ssim"]}
 
 
-def test_renders_without_corrections_are_scored_beside_those_with(word_scene, scored, usual):
+def test_renders_without_corrections_are_scored_beside_those_with(word_scene, usual):
     """Protects the second figure of held-out frames, which exists only where something was corrected."""
     assert "rendering_without_corrections" not in usual
     black = np.zeros((1, 48, 48, 3), np.uint8)
@@ -184,45 +149,41 @@ def test_renders_without_corrections_are_scored_beside_those_with(word_scene, sc
 
 def put_bright(folder, *spans):
     """histories.zarr with a light Gaussian in the right half at these spans of frames."""
-    count = len(spans)
-    return put(
-        folder,
-        "histories",
-        {
-            "rests/thing": np.zeros(count, np.int32),
-            "rests/from_frame": np.array([first for first, _ in spans], np.int64),
-            "rests/until_frame": np.array([last for _, last in spans], np.int64),
-            "things/feature": np.zeros((int(count > 0), 8), np.float32),
-            "gaussians/rest": np.arange(count, dtype=np.int32),
-            "gaussians/means": np.tile(np.float32([0.5, 0, 1.5]), (count, 1)),
-            "gaussians/quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-            "gaussians/log_scales": np.full((count, 3), np.log(0.1), np.float32),
-            "gaussians/logit_opacities": np.full(count, 3, np.float32),
-            "gaussians/sh": np.full((count, 1, 3), 0.2, np.float32),
-        },
-        made_from=["frames", "poses", "splats"],
-    )
+    count, (first, last) = len(spans), np.array(spans, np.int64).reshape(-1, 2).T
+    arrays = {
+        "rests/thing": np.zeros(count, np.int32),
+        "rests/from_frame": first,
+        "rests/until_frame": last,
+        "things/feature": np.zeros((int(count > 0), 8), np.float32),
+        "gaussians/rest": np.arange(count, dtype=np.int32),
+        "gaussians/means": np.tile(np.float32([0.5, 0, 1.5]), (count, 1)),
+        "gaussians/quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
+        "gaussians/log_scales": np.full((count, 3), np.log(0.1), np.float32),
+        "gaussians/logit_opacities": np.full(count, 3, np.float32),
+        "gaussians/sh": np.full((count, 1, 3), 0.2, np.float32),
+    }
+    put(folder, "histories", arrays, made_from=["frames", "poses", "splats"])
+    return folder, (*ARTIFACTS, "histories")
 
 
 @pytest.mark.parametrize("spans", [(), ((0, 0), (2, 3))])
-def test_where_nothing_rests_scores_are_those_without_time(word_scene, scored, usual, spans):
+def test_where_nothing_rests_scores_are_those_without_time(word_scene, usual, spans):
     """Frame 1 alone is held out."""
-    folder = word_scene()
-    found = scored(folder, histories=put_bright(folder, *spans))
+    found = scored(*put_bright(word_scene(), *spans))
     assert "rendering_without_time" not in usual
     assert found["rendering_without_time"] == found["rendering"] == usual["rendering"]
     assert found["queries"] == usual["queries"] and found["frames"] == usual["frames"]
     assert "histories.zarr" in found["artifacts"]
 
 
-def test_a_frame_is_rendered_with_what_lies_there_at_its_time(word_scene_in, tmp_path, scored, usual):
+def test_a_frame_is_rendered_with_what_lies_there_at_its_time(word_scene_in, tmp_path, usual):
     """With the gains that were fitted to it: those of 1 change nothing."""
     found = []
     for number, gain in enumerate((None, 1.0, 0.8)):
         folder = tmp_path / str(number)
         given = {} if gain is None else {"corrections/gain": np.full((4, 3), gain)}
         word_scene_in(folder, corrections=given)
-        one = scored(folder, histories=put_bright(folder, (1, 1)))
+        one = scored(*put_bright(folder, (1, 1)))
         assert one["rendering_without_time"] == usual["rendering"]
         found.append(one["rendering"])
     without, same, darker = (one["dynamic"]["psnr"] for one in found)
@@ -234,61 +195,32 @@ def test_a_frame_is_rendered_with_what_lies_there_at_its_time(word_scene_in, tmp
 @pytest.mark.parametrize("frame", [1, 2])
 def test_a_frame_is_asked_at_its_time(word_scene, frame):
     folder, asked = word_scene(), []
-    kinds = dict(zip(("frames", "poses", "annotations", "splats"), SCORED, strict=False))
-    evaluation = read_evaluation(
-        *(open_artifact(folder / f"{name}.zarr", kind) for name, kind in kinds.items())
-    )
+    evaluation = read_evaluation(*(open_artifact(folder / f"{one.name}.zarr", one) for one in SCORED[:4]))
     asker = SimpleNamespace(ask=lambda *given: asked.append(given[-1]) or (), texts=None)
     list(ask_of(evaluation, asker)(frame, ["cup"]))
     assert asked == [pytest.approx(0.1 * frame)]
 
 
-def test_counts_of_frames_instances_and_gaussians(usual):
-    found = usual["counts"]
+def test_counts_provenance_and_costs(usual):
     evaluation = {"": 3, "_annotated": 3, "_asked": 2, "_trained_on": 1, "_without_pose": 1}
     expected = {f"evaluation_frames{name}": count for name, count in evaluation.items()}
     expected |= {"frames": 4, "training_frames": 2, "annotated_instances": 2, "transient_instances": None}
     expected |= {"instances": {"part": 0, "whole": 2}}
     expected |= {"gaussians": 576, "gaussians_with_code": {"part": 0, "whole": 576}}
-    assert found.items() >= expected.items()
-
-
-def test_provenance_names_inputs_options_and_versions(usual):
-    found = usual
-    assert set(found["artifacts"]) == {f"{name}.zarr" for name in NAMES}
-    assert found["origin"] == "synthetic" and found["scene"] == "a/scene"
-    assert found["models"]["clip_checkpoint"]["small"]
-    own, parts = found["provenance"], found["artifacts"].values()
-    assert own["models"] == {"clip_checkpoint": found["models"]["clip_checkpoint"]["hash"]}
+    assert usual["counts"].items() >= expected.items()
+    assert set(usual["artifacts"]) == {f"{name}.zarr" for name in ARTIFACTS}
+    assert usual["origin"] == "synthetic" and usual["scene"] == "a/scene"
+    clip = usual["models"]["clip_checkpoint"]
+    own, parts = usual["provenance"], usual["artifacts"].values()
+    assert clip["small"] and own["models"] == {"clip_checkpoint": clip["hash"]}
     assert own["options"]["temperature"] == 10.0 and own["options"]["hit_region"] == "box"
-    assert found["total"]["wall_s"] == pytest.approx(own["wall_s"] + sum(one["wall_s"] for one in parts))
-    assert found["total"]["peak_memory_mb"] >= own["peak_memory_mb"]
+    assert usual["total"]["wall_s"] == pytest.approx(own["wall_s"] + sum(one["wall_s"] for one in parts))
+    assert usual["total"]["peak_memory_mb"] >= own["peak_memory_mb"]
     assert all(one["disk_mb"] > 0 and one["cpu_s"] >= 0 for one in parts)
 
 
-def test_what_was_measured_with_what_is_told(word_scene, scored, usual, monkeypatch):
-    folder = word_scene()
-    monkeypatch.setattr(provenance, "checkout", lambda: {"commit": "c0de", "clean": False})
-    found = scored(folder, told={"preset": "draft", "world_seed": 7, "camera": "real"})
-    assert found["recording"] == {
-        "kind": "plain",
-        "name": "a recording",
-        "hash": open_artifact(folder / "frames.zarr", FRAMES).digest,
-        "frames": 4,
-        "seconds": 0.3,
-        "seed": 7,
-        "camera": "real",
-    }
-    assert (found["preset"], found["seed"], found["clean"]) == ("draft", 3, False)
-    assert found["commit"] == found["provenance"]["commit"] == "c0de"
-    assert usual["recording"]["seed"] is usual["recording"]["camera"] is usual["preset"] is None
-
-
 def test_a_document_that_does_not_match_the_schema_is_not_written(tmp_path):
-    assert finite({"a": (math.nan, 1.0), "b": [math.inf, "x", True]}) == {
-        "a": [None, 1.0],
-        "b": [None, "x", True],
-    }
+    assert finite({"a": (math.nan, 1.0), "b": [math.inf, "x"]}) == {"a": [None, 1.0], "b": [None, "x"]}
     with pytest.raises(ValidationError):
         write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"})
     assert list(tmp_path.iterdir()) == []
@@ -297,9 +229,9 @@ def test_a_document_that_does_not_match_the_schema_is_not_written(tmp_path):
 @pytest.mark.parametrize(
     "given, keys, frames", [({}, {"excluded": ["couch", "cup"]}, 1), ({"evaluated": ()}, {}, 0)]
 )
-def test_no_queries_give_no_scores(word_scene, scored, given, keys, frames):
-    """A lost artifact is null, and so is the cost."""
-    found = scored(word_scene(inputs={"view_features.zarr": "0" * 64}, **given), method="LangSplat", **keys)
+def test_no_queries_give_no_scores(word_scene, given, keys, frames):
+    folder = word_scene(inputs={"view_features.zarr": "0" * 64}, **given)
+    found = scored(folder, told={"method": "LangSplat"}, **keys)
     assert found["queries"] == [] and (found["method"], found["stands_in"]) == ("LangSplat", [])
     score = {name: value for name, value in found["scores"]["all"].items() if value is not None}
     assert score == {"count": 0, "categories": 0} and found["rendering"]["all"]["frames"] == frames
@@ -307,15 +239,7 @@ def test_no_queries_give_no_scores(word_scene, scored, given, keys, frames):
     assert found["total"] == {"wall_s": None, "peak_memory_mb": None}
 
 
-def test_another_openclip_is_rejected(word_scene, scored):
-    with pytest.raises(UserError, match="features.zarr.*OpenCLIP") as caught:
-        scored(word_scene(clip_hash="0123456789abcdef"))
-    assert "0123456789abcdef" in str(caught.value) and str(caught.value).count("\n") == 1
-
-
-def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scene, scored, tmp_path):
-    """A scene whose metrics.json had become a picture was called sound."""
-
+def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scene, tmp_path):
     def problem() -> str:
         return check_tree(tmp_path, print)[tmp_path / "metrics.json"]
 
@@ -327,13 +251,11 @@ def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scen
     assert "cannot be read as JSON" in problem()
 
 
-def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, scored, usual):
+def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, usual):
     """Couch and cup fill one half each; what nobody labels would be wrong."""
-    thresholded, found = usual, scored(word_scene(), masks="classes")
-    assert "pixel_accuracy" not in thresholded and found["pixel_accuracy"] > 0.9
-    assert found["scores"]["all"]["accuracy"] == thresholded["scores"]["all"]["accuracy"]
-    by_frame = {}
-    for query in found["queries"]:
-        by_frame.setdefault(query["frame"], []).append(query["mask_pixels"])
-        assert query["mask_level"] == query["level"]
-    assert {len(masks) for masks in by_frame.values()} == {2}
+    found = scored(word_scene(), masks="classes")
+    assert "pixel_accuracy" not in usual and found["pixel_accuracy"] > 0.9
+    assert found["scores"]["all"]["accuracy"] == usual["scores"]["all"]["accuracy"]
+    assert all(query["mask_level"] == query["level"] for query in found["queries"])
+    pixels = [query["mask_pixels"] for query in found["queries"]]
+    assert max(sum(pixels[:2]), sum(pixels[2:])) <= 48 * 48

@@ -40,9 +40,8 @@ def work(results, monkeypatch) -> Path:
 
 
 def test_the_page_of_the_library_runs_as_it_is(work):
-    failed, tried = doctest.testfile(
-        str(ROOT / "docs/python.md"), module_relative=False, optionflags=NORMALIZED
-    )
+    page = str(ROOT / "docs/python.md")
+    failed, tried = doctest.testfile(page, module_relative=False, optionflags=NORMALIZED)
     assert tried > 20 and not failed
     assert (work / "couch.ply").is_file() and (work / "splats.zarr").is_dir()
 
@@ -54,7 +53,6 @@ def test_examples_of_the_functions_run(work):
 
 
 def test_opening_reads_no_array_and_writes_nothing(work, monkeypatch):
-    """Only what describes the artifacts is read, from any working directory."""
     before = sorted(work.rglob("*"))
     with monkeypatch.context() as patch:
         patch.setattr("egosplat.artifacts.reader.Artifact.read", None)
@@ -65,7 +63,6 @@ def test_opening_reads_no_array_and_writes_nothing(work, monkeypatch):
 
 
 def test_a_scene_is_read_once_and_a_changed_byte_of_what_no_query_reads_is_named(work, monkeypatch):
-    """Digests are compared without decoding the arrays a second time."""
     scene, counted = egosplat.open_scene("results/adt/scene1"), []
     with monkeypatch.context() as patch:
         checked = reader.Artifact._checked
@@ -87,9 +84,8 @@ def test_a_scene_is_read_once_and_a_changed_byte_of_what_no_query_reads_is_named
 
 
 def test_a_variant_has_the_answers_of_what_it_shares(work):
-    mine = work / "results/adt/scene1/variants/mine"
+    mine, language = work / "results/adt/scene1/variants/mine", work / "results/adt/scene1/language.zarr"
     mine.mkdir(parents=True, exist_ok=True)
-    language = work / "results/adt/scene1/language.zarr"
     language.rename(mine / "language.zarr")
     try:
         [couch] = egosplat.open_scene(mine).ask("couch")
@@ -122,9 +118,8 @@ def test_a_mistake_is_named(work, call, said):
 
 
 def test_public_names_are_there_and_come_on_demand():
-    assert all(getattr(egosplat, name) for name in egosplat.__all__) and {*egosplat.__all__} <= {
-        *dir(egosplat)
-    }
+    assert all(getattr(egosplat, name) for name in egosplat.__all__)
+    assert {*egosplat.__all__} <= {*dir(egosplat)}
     with pytest.raises(AttributeError):
         _ = egosplat.nothing
     heavy = "import egosplat, sys; sys.exit(bool({'numpy', 'torch', 'pydantic', 'zarr'} & {*sys.modules}))"

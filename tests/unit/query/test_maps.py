@@ -18,7 +18,7 @@ def find(maps: np.ndarray, valid: np.ndarray = ALL):
 
 
 def everywhere(maps: np.ndarray) -> np.ndarray:
-    return np.ones(maps.shape, bool)
+    return np.ones_like(maps, bool)
 
 
 def test_scaled_and_shifted_maps_say_the_same():
@@ -52,27 +52,18 @@ def test_there_is_no_answer_outside_of_what_is_valid():
     np.testing.assert_array_equal(mask, find(np.where(valid, maps, np.float32(0.3)), valid)[1][1])
 
 
-@pytest.fixture
-def maps() -> np.ndarray:
-    """(3, 4, 5) float32 with the largest value at level 1, row 2, column 3."""
+def test_the_largest_visible_value_of_all_levels_is_found():
     maps = np.full((3, 4, 5), 0.4, np.float32)
     maps[0, 0, 0], maps[1, 2, 3], maps[2, 3, 4] = 0.6, 0.7, 0.65
-    return maps
-
-
-def test_the_level_with_the_largest_value_is_taken(maps):
     assert localize(maps, everywhere(maps)) == (1, pytest.approx(0.7), (3, 2))
-    # The first of equal ones.
-    maps[0, 0, 0] = maps[1, 2, 3]
-    assert localize(maps, everywhere(maps))[0] == 0
-
-
-def test_invisible_pixels_are_not_found(maps):
-    seen = np.ones(maps.shape, bool)
+    seen = everywhere(maps)
     seen[1, 2, 3] = False
     assert localize(maps, seen)[::2] == (2, (4, 3))
     seen[1:] = False
     assert localize(maps, seen)[::2] == (0, (0, 0))
+    # The first of equal ones.
+    maps[0, 0, 0] = maps[1, 2, 3]
+    assert localize(maps, everywhere(maps))[0] == 0
 
 
 def test_the_innermost_of_equal_pixels_is_found_whatever_their_rounding():
@@ -89,10 +80,10 @@ def test_the_innermost_of_equal_pixels_is_found_whatever_their_rounding():
         assert localize(values[None], everywhere(values[None]))[2] == pixel
 
 
-def mask_of(raw: np.ndarray, smooth: np.ndarray | None = None, shown=None, threshold=0.7, side=1):
+def mask_of(raw: np.ndarray, smooth: np.ndarray | None = None, shown=None, threshold=0.7):
     """The mask of (L, H, W) maps."""
-    smooth = raw if smooth is None else smooth
-    return segment(Maps(raw, smooth, everywhere(raw) if shown is None else shown), threshold, side)[1]
+    smooth, shown = raw if smooth is None else smooth, everywhere(raw) if shown is None else shown
+    return segment(Maps(raw, smooth, shown), threshold, 1)[1]
 
 
 def test_the_threshold_is_relative_and_not_included():
@@ -129,4 +120,3 @@ def test_invisible_pixels_get_the_lowest_visible_value():
     values = np.array([[0.0, 0.4, 0.6]], np.float32)
     filled = fill_unseen(values, np.array([[False, True, True]]))
     np.testing.assert_array_equal(filled, np.array([[0.4, 0.4, 0.6]], np.float32))
-    assert not fill_unseen(values, np.zeros((1, 3), bool)).any()

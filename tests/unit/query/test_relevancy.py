@@ -14,26 +14,19 @@ from egosplat.query.text import Texts
 
 
 def unit(*shape: int, seed: int = 0) -> torch.Tensor:
-    return torch.nn.functional.normalize(
-        torch.randn(*shape, generator=torch.Generator().manual_seed(seed)), dim=-1
-    )
+    drawn = torch.randn(*shape, generator=torch.Generator().manual_seed(seed))
+    return torch.nn.functional.normalize(drawn, dim=-1)
 
 
-@pytest.fixture
-def texts() -> Texts:
-    return Texts(("a", "b", "c"), unit(3, 6, seed=1), unit(4, 6, seed=2))
-
-
-def test_maps_are_the_relevancy_of_decoded_codes(texts, monkeypatch):
-    rng = np.random.default_rng(0)
-    decoder = Decoder((3, 5, 16), rng.normal(size=4 * 5 + 6 * 16).astype(np.float32))
-    wide = Texts(texts.phrases, unit(3, 16, seed=3), unit(4, 16, seed=4))
+def test_maps_are_the_relevancy_of_decoded_codes(monkeypatch):
+    wide = Texts(("a", "b", "c"), unit(3, 16, seed=3), unit(4, 16, seed=4))
+    whole = decoder(3, 5, 16)
     codes = torch.randn(2, 7, 5, 3, generator=torch.Generator().manual_seed(5))
     seen = torch.rand(2, 7, 5, generator=torch.Generator().manual_seed(6)) > 0.3
-    expected = relevancy(decode(codes, decoder), wide.queries, wide.canonical, 10.0).permute(3, 0, 1, 2)
+    expected = relevancy(decode(codes, whole), wide.queries, wide.canonical, 10.0).permute(3, 0, 1, 2)
     for at_once in (2**18, 64):
         monkeypatch.setattr(module, "_NUMBERS_AT_ONCE", at_once)
-        found = relevancy_maps(codes, seen, decoder, wide, 10.0)
+        found = relevancy_maps(codes, seen, whole, wide, 10.0)
         assert found.shape == (3, 2, 7, 5) and found.dtype == torch.float32
         torch.testing.assert_close(found, torch.where(seen, expected, 0.0), rtol=0, atol=1e-5)
 
@@ -47,9 +40,7 @@ def decoder(*widths: int, scale: float = 1.0) -> Decoder:
 @pytest.mark.parametrize("widths, folded", [((3, 40), (3, 4)), ((3, 8, 16, 64), (3, 8, 16, 17))])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_folding_changes_no_cosine(widths, folded, scale):
-    generator = torch.Generator().manual_seed(1)
-    codes = torch.randn(50, widths[0], generator=generator)
-    directions = torch.nn.functional.normalize(torch.randn(6, widths[-1], generator=generator), dim=-1)
+    codes, directions = unit(50, widths[0], seed=1), unit(6, widths[-1], seed=2)
     whole = decoder(*widths, scale=scale)
     small, projected = fold(whole, directions)
     assert small.widths == folded and projected.shape == (6, folded[-1]) and projected.dtype == torch.float32

@@ -14,7 +14,6 @@ from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import read_scene
 from egosplat.query.text import Texts
 from egosplat.query.things import (
-    LEAST_GAUSSIANS,
     Surface,
     ask_scene,
     find_neighbors,
@@ -35,17 +34,17 @@ def patch(x: float, side: int = 6) -> np.ndarray:
     return np.stack(np.meshgrid(along + x, along, [0.0]), axis=-1).reshape(-1, 3)
 
 
-def of_points(means, radii, shares, code_share) -> Surface:
-    """A surface whose views are frames 0, 10, 20 ... and whose levels have letters."""
-    weight, names = shares.mean(axis=0)[:, None] * code_share, "abc"[: code_share.shape[1]]
-    return Surface(means, find_neighbors(means, radii), shares, weight, 10 * np.arange(len(shares)), names)
+def of_points(means, radii, shown=None, levels: int = 1) -> Surface:
+    """A surface whose views are frames 0, 10, 20 ..., by default one that shows each Gaussian in a thousandth of it."""
+    shares = np.float32(np.full((1, len(means)), 1e-3) if shown is None else shown)
+    weight = np.repeat(shares.mean(axis=0)[:, None], levels, axis=1)
+    frames = 10 * np.arange(len(shares))
+    return Surface(means, find_neighbors(means, radii), shares, weight, frames, "abc"[:levels])
 
 
 def surface(*lefts: float, levels: int = 1, shown: np.ndarray | None = None) -> Surface:
-    """Patches that one view shows, each Gaussian in a thousandth of it unless ``shown`` (V, N) says otherwise."""
     means = np.concatenate([patch(left) for left in lefts])
-    shares = np.full((1, len(means)), 1e-3, np.float32) if shown is None else shown.astype(np.float32)
-    return of_points(means, np.full(len(means), 0.04), shares, np.ones((len(means), levels), np.float32))
+    return of_points(means, np.full(len(means), 0.04), shown, levels)
 
 
 def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
@@ -54,7 +53,6 @@ def relevancy(home: Surface, *values: float, levels: int = 1) -> np.ndarray:
 
 
 def test_two_of_a_kind_are_distinguished():
-    """Two patches that fit, a meter apart, are two things with their own centers and boxes; touching ones are one."""
     home = surface(0.0, 1.5, 3.0)
     values = relevancy(home, 0.9, 0.1, 0.85)
     first, second = find_things(home, values, 0.7, 0.0, 3)
@@ -67,21 +65,13 @@ def test_two_of_a_kind_are_distinguished():
     assert len(thing.members) == 72
 
 
-def test_a_speck_is_no_thing():
-    """A few Gaussians that fit by chance are fewer than one neighborhood."""
-    home = surface(0.0, 2.0)
-    values = relevancy(home, 0.6, 0.1)
-    values[0, 36:38] = 1.0
-    found = find_things(home, values, 0.4, 0.0, 3)
-    assert [len(thing.members) for thing in found] == [36] and LEAST_GAUSSIANS > 2
-
-
-def test_one_thing_at_two_levels_is_named_once():
-    """The level at which it fits best names it."""
+def test_a_speck_is_no_thing_and_one_thing_at_two_levels_is_named_once():
     home = surface(0.0, 2.0, levels=2)
     values = relevancy(home, 0.8, 0.1, levels=2) * np.float32([[1.0], [0.5]])
-    (thing,) = find_things(home, values, 0.7, 0.0, 3)
-    assert thing.level == "a" and thing.score == pytest.approx(0.8)
+    # Two Gaussians that fit by chance are fewer than one neighborhood.
+    values[0, 36:38] = 1.0
+    (thing,) = find_things(home, values, 0.4, 0.0, 3)
+    assert thing.level == "a" and thing.score == pytest.approx(0.8) and len(thing.members) == 36
 
 
 def test_what_no_view_shows_is_not_found():
@@ -92,24 +82,21 @@ def test_what_no_view_shows_is_not_found():
     assert thing.members.min() == 36 and thing.score == pytest.approx(0.8) and thing.frame == 20
     unseen = surface(0.0, shown=np.zeros((1, 36)))
     assert find_things(unseen, relevancy(unseen, 0.9), 0.7, 0.0, 3) == []
-    nothing = of_points(np.zeros((0, 3)), np.zeros(0), np.zeros((1, 0)), np.zeros((0, 2)))
+    nothing = of_points(np.zeros((0, 3)), np.zeros(0), levels=2)
     assert find_things(nothing, np.zeros((2, 0), np.float32), 0.7, 0.0, 3) == []
 
 
 def test_small_things_score_less_as_under_a_box_filter():
     """A thing as large as the box filter's square keeps half of its relevancy, a large one nearly all."""
     home, side = surface(0.0, 2.0), np.sqrt(36e-3)
-    ((half,), (full,)) = (
-        find_things(home, relevancy(home, 0.8, 0.1), 0.7, box, 3) for box in (side, side / 100)
-    )
-    assert half.score == pytest.approx(0.4) and full.score == pytest.approx(0.8, rel=1e-3)
+    for box, score in ((side, 0.4), (side / 100, 0.8)):
+        (thing,) = find_things(home, relevancy(home, 0.8, 0.1), 0.7, box, 3)
+        assert thing.score == pytest.approx(score, rel=1e-3)
 
 
 def test_single_gaussians_far_away_do_not_stretch_the_box():
-    """A box ends at quantiles of what is visible."""
     means = np.concatenate([patch(0.0, 10), [[9.0, 9.0, 9.0]]])
-    shares, share = np.full((1, 101), 1e-3, np.float32), np.ones((101, 1), np.float32)
-    home = of_points(means, np.r_[np.full(100, 0.04), 20.0], shares, share)
+    home = of_points(means, np.r_[np.full(100, 0.04), 20.0])
     (thing,) = find_things(home, np.float32(np.arange(101) > 0)[None], 0.2, 0.0, 3)
     assert 100 in thing.members and thing.size.max() < 1.0
 
@@ -130,12 +117,10 @@ def scene(word_scene):
 @pytest.fixture
 def texts(couch_and_cup) -> Texts:
     """Both words, against the direction between them."""
-    between = torch.nn.functional.normalize(couch_and_cup.sum(0, keepdim=True))
-    return Texts(("couch", "cup"), couch_and_cup, between)
+    return Texts(("couch", "cup"), couch_and_cup, torch.nn.functional.normalize(couch_and_cup.sum(0)[None]))
 
 
 def test_each_word_finds_its_half(scene, texts, monkeypatch):
-    """In views of the frames with a pose; more queries than memory holds are asked in turn."""
     surface = scene[1]
     np.testing.assert_array_equal(surface.frame, [0, 1, 2])
     np.testing.assert_allclose(surface.shares.sum(axis=1), 1.0, atol=1e-3)
@@ -150,7 +135,6 @@ def test_each_word_finds_its_half(scene, texts, monkeypatch):
 
 @pytest.mark.parametrize("valid", [True, False])
 def test_a_thing_is_shown_where_it_is(scene, texts, valid):
-    """Mask, place and relevancy of the couch lie in the left half of the view, and nowhere if no pixel is valid."""
     couch = texts.of(["couch"])
     [[thing]] = ask_scene(*scene, couch, LANGSPLAT, 1)
     seen = show_thing(scene[0], thing, couch, WALL, np.eye(4), np.full((48, 48), valid), LANGSPLAT)
@@ -170,21 +154,17 @@ SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False,
 @pytest.fixture
 def cloud() -> Gaussians:
     """A translucent Gaussian in front of an opaque one, one aside, one behind the camera."""
-    means = [[0.0, 0.0, 2.0], [0.0, 0.0, 3.0], [0.6, 0.0, 2.0], [0.0, 0.0, -2.0]]
-    return blobs(means, [0.5, 0.98, 0.98, 0.98], 0.2)
-
-
-def window() -> np.ndarray:
-    """The share of the picture that each pixel counts as, written out."""
-    rows, columns = np.sin(np.pi * (np.arange(16) + 0.5) / 16), np.sin(np.pi * (np.arange(20) + 0.5) / 20)
-    return rows[:, None] * columns / (rows.sum() * columns.sum())
+    return blobs([[0, 0, 2], [0, 0, 3], [0.6, 0, 2], [0, 0, -2]], [0.5, 0.98, 0.98, 0.98], 0.2)
 
 
 def test_shares_are_sums_of_compositing_weights(cloud):
     """Each Gaussian rendered alone in white, behind what hides it, gives the same sum."""
     (shares,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
     weights, _ = composite(view_of(cloud, CAMERA, np.eye(4), SETTINGS), torch.eye(4))
-    expected = (weights.numpy() * window()[..., None]).sum(axis=(0, 1))
+    # The share of the picture that each pixel counts as.
+    rows, columns = (np.sin(np.pi * (np.arange(side) + 0.5) / side) for side in (16, 20))
+    window = np.outer(rows / rows.sum(), columns / columns.sum())
+    expected = (weights.numpy() * window[..., None]).sum(axis=(0, 1))
     np.testing.assert_allclose(shares.numpy(), expected, rtol=1e-4, atol=1e-7)
     assert shares[3] == 0.0 and 0 < shares.sum() <= 1.0
     behind = np.diag([-1.0, 1.0, -1.0, 1.0])

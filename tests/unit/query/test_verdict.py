@@ -32,32 +32,23 @@ def test_a_probability_has_one_of_three_grades_and_is_shown_with_it(p, grade):
 def test_the_probability_is_the_logistic_of_the_evidence():
     expected = 1 / (1 + math.exp(-(-1.0 - 0.25 * 4.0 + 3.0 + 2.0 * 0.5)))
     assert FIT.probability(Evidence(-4.0, 3.0, 0.5)) == pytest.approx(expected)
-    assert (
-        FIT.probability(Evidence(0.0, 1e6, 0.0)) == 1.0 and FIT.probability(Evidence(0.0, -1e6, 0.0)) == 0.0
-    )
+    assert [FIT.probability(Evidence(0.0, lead, 0.0)) for lead in (1e6, -1e6)] == [1.0, 0.0]
 
 
-@pytest.mark.parametrize(
-    "clip, key, value",
-    [
-        ("cafe", None, None),
-        ("beef", None, None),
-        ("cafe", "temperature", 5.0),
-        ("cafe", "min_score", 0.5),
-        ("cafe", "box_filter", 0.0),
-        ("cafe", "segmentation_threshold", 0.5),
-        ("cafe", "canonical", ("thing",)),
-    ],
-)
-def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch, clip, key, value):
+OTHERS = {"temperature": 5.0, "min_score": 0.5, "box_filter": 0.0, "segmentation_threshold": 0.5}
+OTHERS |= {"canonical": ("thing",)}
+
+
+def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch):
     row = grades.held_keys(QueryOptions()) | {"intercept": "-1", "size": "2", "lead": "3", "apart": "4"}
     monkeypatch.setattr(grades, "read_fits", lambda: {"cafe": row | {"found": "0.6", "guess": "0.3"}})
-    options = QueryOptions() if key is None else QueryOptions(**{key: value})
-    grading = grades.grading_of(clip, options)
-    if (clip, key) == ("cafe", None):
-        assert grading.calibration == Calibration(-1.0, {"size": 2.0, "lead": 3.0, "apart": 4.0}, 0.6, 0.3)
-    else:
-        assert grading == Grading(None, options.min_score) and "not calibrated" in grading.notice
+    own = grades.grading_of("cafe", QueryOptions())
+    assert own.calibration == Calibration(-1.0, {"size": 2.0, "lead": 3.0, "apart": 4.0}, 0.6, 0.3)
+    others = [("beef", {}), *(("cafe", {key: value}) for key, value in OTHERS.items())]
+    for clip, keys in others:
+        options = QueryOptions(**keys)
+        grading = grades.grading_of(clip, options)
+        assert grading == Grading(None, options.min_score) and "not calibrated" in grading.notice, keys
 
 
 def test_the_bundled_openclip_has_a_fit_for_the_defaults():
@@ -68,17 +59,10 @@ def test_the_bundled_openclip_has_a_fit_for_the_defaults():
 def test_defaults_are_langsplats():
     assert CANONICAL == ("object", "things", "stuff", "texture")
     assert (LANGSPLAT.temperature, LANGSPLAT.segmentation_threshold) == (10.0, 0.7)
-    assert (LANGSPLAT.box_filter_px(1408), LANGSPLAT.majority_px(1408)) == (30, 7)
-
-
-@pytest.mark.parametrize("longer, smoothing, majority", [(1056, 22, 5), (512, 11, 3), (96, 2, 1), (1, 1, 1)])
-def test_squares_go_with_the_picture(longer, smoothing, majority):
-    assert (LANGSPLAT.box_filter_px(longer), LANGSPLAT.majority_px(longer)) == (smoothing, majority)
-
-
-def test_the_configuration_s_defaults_are_langsplat_s():
     # LangSplat answers everything; its least score is where a query fits as well as the canonical phrases.
     assert QueryOptions().change(min_score=0.5) == LANGSPLAT
+    squares = {1408: (30, 7), 1056: (22, 5), 512: (11, 3), 96: (2, 1), 1: (1, 1)}
+    assert {side: (LANGSPLAT.box_filter_px(side), LANGSPLAT.majority_px(side)) for side in squares} == squares
 
 
 OUT_OF_RANGE = {"canonical": [()], "temperature": [0.0, float("nan"), float("inf")], "resolution": [-1]}
