@@ -1,14 +1,25 @@
-"""Checkpoints are found or reported missing, and their hash follows their content."""
+"""Checkpoints and files of architectures are found or reported missing, and their hash follows their content."""
 
 import hashlib
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.models import checkpoints
-from egosplat.models.checkpoints import CLIP, SAM2, content_hash, find_checkpoint, model_hash, model_hashes
+from egosplat.models.checkpoints import (
+    CLIP,
+    SAM2,
+    clip_config_files,
+    clip_folder,
+    content_hash,
+    find_checkpoint,
+    model_hash,
+    model_hashes,
+    sam2_config_file,
+    sam2_configs,
+)
 from egosplat.pipeline.config import resolve
 
 PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
@@ -24,43 +35,32 @@ def keys_of(sam2: Path, clip: Path) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("model", [SAM2, CLIP])
-def test_a_missing_checkpoint_names_its_key(tmp_path, model):
+def test_a_missing_checkpoint_names_its_key_and_a_tilde_is_the_home_folder(tmp_path, monkeypatch, model):
+    monkeypatch.setenv("HOME", str(tmp_path))
     with pytest.raises(UserError) as caught:
-        find_checkpoint(model, str(tmp_path / "none.pt"))
+        find_checkpoint(model, "~/none.pt")
     first, second = str(caught.value).splitlines()
     assert first == f"models.{model.checkpoint_key}: there is no file {tmp_path / 'none.pt'}."
     assert "egosplat models download" in second and f"models: {{{model.checkpoint_key}: PATH}}" in second
-
-
-def test_a_missing_small_checkpoint_is_reported(tmp_path, monkeypatch):
-    gone = checkpoints.ModelSpec(**vars(SAM2) | {"small": tmp_path / "model.safetensors"})
-    with pytest.raises(UserError, match="SAM2.*model.safetensors"):
+    (tmp_path / "none.pt").touch()
+    assert find_checkpoint(model, "~/none.pt") == tmp_path / "none.pt"
+    gone = replace(model, small=tmp_path / "model.safetensors")
+    with pytest.raises(UserError, match=f"{model.name}.*model.safetensors"):
         find_checkpoint(gone, "small")
     gone.small.touch()
     assert find_checkpoint(gone, "small") == gone.small
 
 
-def test_a_tilde_in_a_path_is_the_home_folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    (tmp_path / "m.pt").touch()
-    assert find_checkpoint(SAM2, "~/m.pt") == tmp_path / "m.pt"
-
-
-def test_the_hash_is_sha256_and_follows_the_content(tmp_path):
+def test_the_hash_is_sha256_and_a_file_is_read_once(tmp_path, monkeypatch):
     path = tmp_path / "m.pt"
     path.write_bytes(b"one")
     assert content_hash(path) == hashlib.sha256(b"one").hexdigest()
     path.write_bytes(b"two")
     os.utime(path, ns=(1, 1))
-    assert content_hash(path) == hashlib.sha256(b"two").hexdigest()
-
-
-def test_a_file_is_read_once(tmp_path, monkeypatch):
-    path = tmp_path / "m.pt"
-    path.write_bytes(b"once")
-    first = content_hash(path)
+    second = content_hash(path)
+    assert second == hashlib.sha256(b"two").hexdigest()
     monkeypatch.setattr(hashlib, "file_digest", lambda *_: pytest.fail("read again"))
-    assert content_hash(path) == first
+    assert content_hash(path) == second
 
 
 def test_the_hash_covers_every_file_of_a_model(tiny_sam2, tiny_clip, tmp_path):
@@ -81,13 +81,45 @@ def test_the_hash_covers_every_file_of_a_model(tiny_sam2, tiny_clip, tmp_path):
         vocabulary.write_bytes(content)
 
 
-def test_a_missing_model_does_not_affect_others(tiny_sam2, tiny_clip):
+def test_a_missing_model_does_not_affect_others(tiny_sam2, tiny_clip, tmp_path, monkeypatch):
     keys = keys_of(tiny_sam2, tiny_clip) | {"clip_checkpoint": "/nowhere/m.bin"}
     hashes = model_hashes({"models": keys})
     assert hashes == {"sam2_checkpoint": model_hash(SAM2, keys), "clip_checkpoint": "missing"}
-
-
-def test_the_paper_preset_can_be_hashed_without_its_checkpoints(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    config = resolve({"preset": "paper"}, PRESETS)
-    assert model_hashes(config) == {"sam2_checkpoint": "missing", "clip_checkpoint": "missing"}
+    paper = resolve({"preset": "paper"}, PRESETS)
+    assert model_hashes(paper) == {"sam2_checkpoint": "missing", "clip_checkpoint": "missing"}
+
+
+@pytest.mark.parametrize("folder", ["", "sam2.1/", "configs/sam2.1/"])
+@pytest.mark.parametrize("suffix", ["", ".yaml"])
+def test_sam2_s_own_architectures_have_several_spellings(folder, suffix):
+    file = sam2_config_file(f"{folder}sam2.1_hiera_b+{suffix}")
+    assert file.is_file() and file.parts[-3:] == ("configs", "sam2.1", "sam2.1_hiera_b+.yaml")
+    kinds = [f"hiera_{size}" for size in ("t", "s", "b+", "l")]
+    assert {*sam2_configs()} == {f"{version}_{kind}" for version in ("sam2", "sam2.1") for kind in kinds}
+    assert sam2_config_file(str(file)) == file
+
+
+@pytest.mark.parametrize("prefix", ["", "local-dir:"])
+def test_a_folder_describes_an_open_clip_model_and_its_own_names_need_none(tiny_clip, prefix):
+    assert clip_folder(f"{prefix}{tiny_clip}") == tiny_clip
+    files = [tiny_clip / "open_clip_config.json", tiny_clip / "bpe.txt.gz"]
+    assert clip_config_files(f"{prefix}{tiny_clip}") == files
+    assert clip_folder("ViT-B-16") is None and clip_config_files("ViT-B-16") == []
+
+
+@pytest.mark.parametrize(
+    "find, given, message",
+    [
+        (sam2_config_file, "sam2.1_hiera_b", r"models.sam2_config = .*sam2.1_hiera_b\+"),
+        (sam2_config_file, "/nowhere/sam2.1_hiera_b+.yaml", r"models.sam2_config = .*sam2.1_hiera_b\+"),
+        (sam2_config_file, "configs/sam2/sam2.1_hiera_b+", r"models.sam2_config = .*sam2.1_hiera_b\+"),
+        (clip_folder, "ViT-B-61", "neither a folder nor known .did you mean 'ViT-B-"),
+        (clip_folder, "hf-hub:laion/CLIP-ViT-B-16", "stages download nothing"),
+        (clip_folder, "/nowhere", "models.clip_model = '/nowhere' is neither a folder nor known"),
+        (clip_folder, str(PRESETS), "models.clip_model: .*open_clip_config.json"),
+    ],
+)
+def test_an_unknown_architecture_is_reported(find, given, message):
+    with pytest.raises(UserError, match=message):
+        find(given)

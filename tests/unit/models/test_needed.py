@@ -46,8 +46,7 @@ def address(file: str) -> str:
 
 def egosplat(*words: str) -> str:
     """Call the command line."""
-    done = CliRunner().invoke(cli, ["models", *words], catch_exceptions=False, standalone_mode=False)
-    return done.output
+    return CliRunner().invoke(cli, ["models", *words], catch_exceptions=False, standalone_mode=False).output
 
 
 def test_the_small_models_are_there(folder, server):
@@ -67,9 +66,7 @@ def test_missing_models_come_with_place_license_size_and_digest(folder, server):
         assert f"cache/{file}: missing" in listed and address(file) in listed
     assert "Apache-2.0" in listed and "MIT" in listed and "323.6 MB" in listed and SHA256 in listed
     assert "3 of 3 files" in listed and "929 MB" in listed
-    assert listed.endswith(
-        "egosplat models download --config models.set=published --config models.cache=cache\n"
-    )
+    assert listed.endswith("models download --config models.set=published --config models.cache=cache\n")
     assert server.requests == [] and not (folder / "cache").exists()
 
 
@@ -90,15 +87,12 @@ def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server
     assert "DAMAGED" in egosplat(*options)
 
 
-def test_a_file_without_published_digest_is_told(folder, server):
+def test_a_file_in_the_users_own_cache_is_not_fetched_again(folder, server):
+    """That no digest is published of a file is told."""
     assert f"fetched, SHA-256 {SHA256} (none is published)" in egosplat("download", "mobilenetv3_small_050")
     assert "/resolve/f58e7345afe2832abd6f81cc60f67cd1ddf7ce00/" in server.requests[0]
-
-
-def test_a_file_in_the_users_own_cache_is_not_fetched_again(folder, server):
-    egosplat("download", "ViT-B-16")
-    (folder / "checkpoints" / FILES[1]).unlink()
-    assert "fetched" in egosplat("download", "ViT-B-16") and len(server.requests) == 1
+    (folder / "checkpoints" / FILES[2]).unlink()
+    assert "fetched" in egosplat("download", "mobilenetv3_small_050") and len(server.requests) == 1
 
 
 def test_a_file_with_another_digest_is_not_kept(folder, server):
@@ -152,30 +146,23 @@ def test_a_wrong_file_of_that_name_is_not_replaced(folder, server):
 
 
 def test_offline_the_addresses_are_listed(folder, server):
-    """One line says what to fetch by hand, and where to put it."""
     server.stop()
     with pytest.raises(UserError) as caught:
         egosplat("download", "--config", "models.set=published")
     first, second = str(caught.value).splitlines()
     assert address(FILES[0]) in first
-    for file in FILES:
-        assert f"{address(file)} -> checkpoints/{file}" in second
+    assert all(f"{address(file)} -> checkpoints/{file}" in second for file in FILES)
 
 
 def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
     """A better model can be fetched before the configuration names it; a wrong name lists the known ones."""
     assert "sam2.1_hiera_large.pt: fetched" in egosplat("download", "sam2.1_hiera_l", "ViT-B-16-quickgelu")
-    assert server.requests == [
-        address("sam2.1_hiera_large.pt"),
-        address("ViT-B-16-quickgelu.dfn2b.bin"),
-    ]
+    assert server.requests == [address("sam2.1_hiera_large.pt"), address("ViT-B-16-quickgelu.dfn2b.bin")]
     with pytest.raises(UserError, match="sam2.1_hiera_x: is not in the catalogue.*sam2.1_hiera_t"):
         egosplat("download", "sam2.1_hiera_x")
     listed = egosplat("--all")
     assert all(one.file in listed for one in model_sets.CATALOGUE)
-    assert (
-        "egosplat models download sam2.1_hiera_t sam2.1_hiera_s sam2.1_hiera_b+ ViT-B-16 ViT-L-14" in listed
-    )
+    assert "download sam2.1_hiera_t sam2.1_hiera_s sam2.1_hiera_b+ ViT-B-16 ViT-L-14" in listed
 
 
 def test_files_of_the_user_are_listed_and_not_fetched(folder, server):

@@ -1,5 +1,8 @@
 """SAM2 is loaded from files and runs on images of any size; invalid files are reported."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 import torch
@@ -15,8 +18,20 @@ from egosplat.models.sam2_loader import Sam2, build_predictor, load_sam2
 
 
 @pytest.fixture
-def sam2(tiny_sam2) -> Sam2:
-    return load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+def load(tiny_sam2) -> Callable[..., Sam2]:
+    """``load(config, precision, side)``: the tiny SAM2."""
+
+    def make(
+        config: Path = tiny_sam2 / "sam2.yaml", precision: str = "float32", side: int | None = None
+    ) -> Sam2:
+        return load_sam2(str(config), str(tiny_sam2 / "model.safetensors"), "cpu", precision, side)
+
+    return make
+
+
+@pytest.fixture
+def sam2(load) -> Sam2:
+    return load()
 
 
 def test_half_precision_is_loaded_into_float32(sam2, tiny_sam2):
@@ -28,18 +43,18 @@ def test_half_precision_is_loaded_into_float32(sam2, tiny_sam2):
     assert not any(weight.requires_grad for weight in sam2.video_predictor.parameters())
 
 
-def test_no_tensor_is_left_as_it_was_before_loading(sam2, tiny_sam2):
+def test_no_tensor_is_left_as_it_was_before_loading(sam2, load):
     """Constructors draw no weights, so a tensor that the checkpoint does not set would hold anything."""
     torch.manual_seed(torch.initial_seed() + 1)
-    again = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+    again = load().video_predictor
     for of in (nn.Module.parameters, nn.Module.buffers):
-        pair = of(sam2.video_predictor), of(again.video_predictor)
+        pair = of(sam2.video_predictor), of(again)
         assert all(torch.equal(a, b) for a, b in zip(*pair, strict=True))
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_masks_are_of_the_image_size(tiny_sam2, image, precision):
-    sam2 = load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", precision)
+def test_masks_are_of_the_image_size(load, image, precision):
+    sam2 = load(precision=precision)
     predictor = image_predictor(sam2)
     with sam2.compute.inference():
         predictor.set_image(image)
@@ -48,14 +63,11 @@ def test_masks_are_of_the_image_size(tiny_sam2, image, precision):
     assert np.isfinite(scores).all() and np.isfinite(logits).all()
 
 
-def test_set_image_size_equals_a_model_built_for_that_size(tiny_sam2, image, tmp_path):
-    weights = str(tiny_sam2 / "model.safetensors")
-    tree = yaml.safe_load((tiny_sam2 / "sam2.yaml").read_text())
-    tree["model"]["image_size"] = 192
-    (tmp_path / "large.yaml").write_text(yaml.safe_dump(tree))
+def test_set_image_size_equals_a_model_built_for_that_size(load, model_tree, image, tmp_path):
+    model_tree["model"]["image_size"] = 192
+    (tmp_path / "large.yaml").write_text(yaml.safe_dump(model_tree))
     answers = []
-    for config, side in ((tmp_path / "large.yaml", None), (tiny_sam2 / "sam2.yaml", 192)):
-        sam2 = load_sam2(str(config), weights, "cpu", "float32", side)
+    for sam2 in (load(tmp_path / "large.yaml"), load(side=192)):
         predictor = image_predictor(sam2)
         with sam2.compute.inference():
             predictor.set_image(image)
@@ -65,6 +77,9 @@ def test_set_image_size_equals_a_model_built_for_that_size(tiny_sam2, image, tmp
         np.testing.assert_array_equal(made, changed)
 
 
+POINT = {"points": np.array([[30.0, 40.0]], np.float32), "labels": np.array([1], np.int32)}
+
+
 def test_objects_are_tracked_through_a_video_without_warnings(sam2, tmp_path, recwarn):
     for number in range(3):
         colors = np.random.default_rng(number).integers(0, 256, (77, 101, 3), dtype=np.uint8)
@@ -72,16 +87,8 @@ def test_objects_are_tracked_through_a_video_without_warnings(sam2, tmp_path, re
     predictor = sam2.video_predictor
     with sam2.compute.inference():
         state = predictor.init_state(str(tmp_path))
-        predictor.add_new_points_or_box(
-            state,
-            0,
-            7,
-            points=np.array([[30.0, 40.0]], dtype=np.float32),
-            labels=np.array([1], dtype=np.int32),
-        )
-        seen = [
-            (frame, list(names), masks.shape) for frame, names, masks in predictor.propagate_in_video(state)
-        ]
+        predictor.add_new_points_or_box(state, 0, 7, **POINT)
+        seen = [(frame, [*names], masks.shape) for frame, names, masks in predictor.propagate_in_video(state)]
     assert seen == [(frame, [7], (1, 1, 77, 101)) for frame in range(3)]
     assert not [warning for warning in recwarn if "post-processing" in str(warning.message)]
 
@@ -99,32 +106,30 @@ def test_small_holes_of_a_tracked_object_are_filled(sam2, tmp_path, monkeypatch)
     predictor = sam2.video_predictor
     with sam2.compute.inference():
         state = predictor.init_state(str(tmp_path))
-        _, _, masks = predictor.add_new_points_or_box(
-            state, 0, 1, points=np.array([[3.0, 4.0]], dtype=np.float32), labels=np.array([1], dtype=np.int32)
-        )
+        _, _, masks = predictor.add_new_points_or_box(state, 0, 1, **POINT)
     assert (masks > 0).all()
 
 
-def test_hydra_s_global_state_is_left_alone(tiny_sam2):
+def test_hydra_s_global_state_is_left_alone(load):
     import sam2  # noqa: F401  sets that state up itself when it is first imported
 
     hydra = GlobalHydra.instance()
     before = hydra.hydra
-    load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+    load()
     assert hydra.hydra is before
     hydra.hydra = None
     try:
-        load_sam2(str(tiny_sam2 / "sam2.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+        load()
         assert hydra.hydra is None
     finally:
         hydra.hydra = before
 
 
-def test_a_checkpoint_of_another_architecture_is_reported(tiny_sam2, model_tree, tmp_path):
+def test_a_checkpoint_of_another_architecture_is_reported(load, model_tree, tmp_path):
     model_tree["model"]["num_maskmem"] = 5
     (tmp_path / "other.yaml").write_text(yaml.safe_dump(model_tree))
     with pytest.raises(UserError, match="maskmem_tpos_enc, 3x1x1x8 .*5x1x1x8"):
-        load_sam2(str(tmp_path / "other.yaml"), str(tiny_sam2 / "model.safetensors"), "cpu", "float32")
+        load(tmp_path / "other.yaml")
 
 
 BASE = "sam2.modeling.sam2_base.SAM2Base"
@@ -138,14 +143,8 @@ BASE = "sam2.modeling.sam2_base.SAM2Base"
         ("- 1", "'model' with a _target_"),
         ("other: {_target_: sam2.modeling.sam2_base.SAM2Base}", "'model' with a _target_"),
         ("model: {_target_: os.system, command: 'touch ran'}", "'os.system' is no network"),
-        (
-            "model: {_target_: sam2.build_sam.os.system, command: 'touch ran'}",
-            "'sam2.build_sam.os.system' is no",
-        ),
-        (
-            f"model: {{_target_: {BASE}, x: [{{_target_: sam2.build_sam.os.system}}]}}",
-            "os.system' is no network",
-        ),
+        ("model: {_target_: sam2.build_sam.os.system, command: 'touch ran'}", "build_sam.os.system' is no"),
+        (f"model: {{_target_: {BASE}, x: [{{_target_: sam2.build_sam.os.system}}]}}", "os.system' is no"),
         ("model: {_target_: sam2.build_sam.build_sam2_hf, model_id: a/b}", "build_sam2_hf' is no network"),
         ("model: {_target_: sam2.nothing.Here}", "'sam2.nothing.Here' is no network"),
         ("model: {_target_: 3}", "'3' is no network"),

@@ -4,7 +4,6 @@ The objects are built from seeds that no training world has, and rendered by a s
 """
 
 import hashlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,16 +18,8 @@ from egosplat_apartments.objects.atlas import Atlas
 from egosplat_apartments.objects.catalogue import CORE, GROUPS, REST, Kind
 
 KINDS = {kind.category: kind for kind in (*CORE, *REST, *(one for group in GROUPS for one in group))}
-NAMES = (
-    "couch",
-    "television",
-    "step stool",
-    "house plant",
-    "coffee table",
-    "bowl",
-    "refrigerator",
-    "tea kettle",
-)
+NAMES = ("couch", "television", "step stool", "house plant")
+NAMES += ("coffee table", "bowl", "refrigerator", "tea kettle")
 SYNONYMS = ("settee", "telly", "footstool", "shrub", "cocktail table", "basin", "icebox", "teapot")
 SIDE = 64
 
@@ -103,26 +94,10 @@ def features(clip: OpenClip) -> torch.Tensor:
     return encode(clip, images).reshape(len(NAMES), 4, -1)
 
 
-def test_the_model_is_small_and_complete() -> None:
-    size = sum(file.stat().st_size for file in SMALL_CLIP.iterdir())
-    assert size < 3.45e6
-    assert {
-        "open_clip_config.json",
-        "open_clip_model.safetensors",
-        "bpe.txt.gz",
-        "words.txt",
-        "MODEL_CARD.md",
-    } == {file.name for file in SMALL_CLIP.iterdir()}
-
-
-def test_objects_are_found_by_their_names(clip: OpenClip, features: torch.Tensor) -> None:
-    nearest = (features @ texts(clip, NAMES).T).argmax(dim=-1)
-    right = (nearest == torch.arange(len(NAMES))[:, None]).float()
+def test_objects_are_found_by_their_names_and_by_synonyms_outside_of_the_captions(clip, features) -> None:
+    right = (features @ texts(clip, NAMES).T).argmax(dim=-1) == torch.arange(len(NAMES))[:, None]
     # Chance is one in eight.
-    assert right.mean() >= 0.8
-
-
-def test_synonyms_outside_of_the_captions_find_objects(clip: OpenClip, features: torch.Tensor) -> None:
+    assert right.float().mean() >= 0.8
     averaged = F.normalize(features.mean(dim=1), dim=-1)
     nearest = (averaged @ texts(clip, SYNONYMS).T).argmax(dim=-1)
     assert (nearest == torch.arange(len(NAMES))).sum() >= 6
@@ -130,4 +105,4 @@ def test_synonyms_outside_of_the_captions_find_objects(clip: OpenClip, features:
 
 def test_the_model_card_names_the_checkpoint_s_hash() -> None:
     digest = hashlib.sha256((SMALL_CLIP / "open_clip_model.safetensors").read_bytes()).hexdigest()
-    assert digest in Path(SMALL_CLIP / "MODEL_CARD.md").read_text()
+    assert digest in (SMALL_CLIP / "MODEL_CARD.md").read_text()

@@ -7,6 +7,8 @@ import pytest
 from egosplat.models.suitability import configured_checkpoints, notice, notice_of_artifacts
 
 BOTH = {"sam2_checkpoint": "small", "clip_checkpoint": "small"}
+SAM2 = {"sam2_checkpoint": "small", "clip_checkpoint": "clip.bin"}
+WORDS = {"sam2_checkpoint": "small", "clip_checkpoint": "photos"}
 
 
 def artifact(origin: str, models: dict[str, str], **facts):
@@ -15,41 +17,38 @@ def artifact(origin: str, models: dict[str, str], **facts):
     return SimpleNamespace(origin=origin, provenance=made, facts=facts)
 
 
-def test_a_real_recording_with_small_checkpoints_is_reported_with_what_to_do():
-    told = notice("real", BOTH)
-    assert "\n" not in told and "synthetic apartments only" in told
-    assert "models.sam2_checkpoint" in told and "models.clip_checkpoint" in told
-    assert "models.set to published" in told and "egosplat models download" in told
-
-
 @pytest.mark.parametrize(
-    "origin, checkpoints",
+    "origin, checkpoints, aria, said",
     [
-        ("synthetic", BOTH),
-        ("real", {"sam2_checkpoint": "sam2.pt", "clip_checkpoint": "clip.bin"}),
-        ("real", {}),
+        (
+            "real",
+            BOTH,
+            False,
+            ["synthetic apartments only", "sam2_checkpoint", "clip_checkpoint", "to published"],
+        ),
+        ("real", SAM2, False, ["models.sam2_checkpoint", "egosplat models download"]),
+        # Words for photographs know the classes of ImageNet; none of them suits Aria glasses.
+        ("real", WORDS, False, ["models.set photos", "ImageNet", "to published"]),
+        ("real", WORDS, True, ["models.set photos", "unreliable", "to published"]),
+        ("real", {"sam2_checkpoint": "sam2.pt", "clip_checkpoint": "clip.bin"}, False, []),
+        ("real", {}, False, []),
+        ("synthetic", BOTH, False, []),
+        ("synthetic", WORDS, False, []),
     ],
 )
-def test_matching_models_and_recording_give_no_notice(origin, checkpoints):
-    assert notice(origin, checkpoints) is None
+def test_models_that_do_not_suit_the_recording_are_reported_with_what_to_do(origin, checkpoints, aria, said):
+    told = notice(origin, checkpoints, aria=aria)
+    assert (told is None) == (not said) and "\n" not in (told or "")
+    assert all(words in (told or "") for words in said)
+    assert checkpoints is not SAM2 or "clip" not in told
 
 
-def test_the_notice_names_only_the_small_checkpoint():
-    told = notice("real", {"sam2_checkpoint": "small", "clip_checkpoint": "clip.bin"})
-    assert "models.sam2_checkpoint" in told and "clip" not in told
-
-
-def test_words_for_photographs_have_limits_and_none_of_them_suits_aria_glasses():
-    """The notice of artifacts knows the glasses by their device frame."""
-    words = {"sam2_checkpoint": "small", "clip_checkpoint": "photos"}
-    plain, aria = notice("real", words), notice("real", words, aria=True)
-    assert "models.set photos" in plain and "ImageNet" in plain and "to published" in plain
-    assert "models.set photos" in aria and "unreliable" in aria and "to published" in aria
-    assert notice("synthetic", words) is None and "\n" not in plain + aria
-    used = artifact("real", words)
-    assert notice_of_artifacts([used]) == plain
-    assert notice_of_artifacts([used, artifact("real", {}, device_from_camera=[[1.0]])]) == aria
-    assert notice_of_artifacts([used, artifact("real", {}, device_from_camera=None)]) == plain
+def test_the_notice_of_artifacts_knows_the_glasses_by_their_device_frame():
+    used = artifact("real", WORDS)
+    assert notice_of_artifacts([used]) == notice("real", WORDS)
+    on_glasses = [used, artifact("real", {}, device_from_camera=[[1.0]])]
+    assert notice_of_artifacts(on_glasses) == notice("real", WORDS, aria=True)
+    assert notice_of_artifacts([used, artifact("real", {}, device_from_camera=None)]) == notice("real", WORDS)
 
 
 def test_artifacts_are_reported_by_their_provenance():
