@@ -16,26 +16,17 @@ from tests.support.scenes import put
 @pytest.fixture
 def surveyed(tmp_path, survey_that_keeps) -> Path:
     """A survey next to the artifact that it was made from."""
-    make_artifact(tmp_path)
+    put(tmp_path, "frames", size=4)
     survey_that_keeps(tmp_path, [0])
     return tmp_path
-
-
-def make_artifact(folder: Path, seed: int = 0) -> None:
-    """One frame of one grey; only its digest and its attributes' checksum are read."""
-    put(folder, "frames", {"rgb": np.full((1, 4, 4, 3), seed, np.uint8)})
 
 
 def problems(folder: Path) -> dict[str, str]:
     return {path.name: problem for path, problem in check_tree(folder, lambda _: None).items()}
 
 
-def picture(path: Path) -> None:
-    Image.new("RGB", (4, 4)).save(path, format="PNG")
-
-
 DAMAGE: dict[str, Callable[[Path], object]] = {
-    "a picture": picture,
+    "a picture": lambda path: Image.new("RGB", (4, 4)).save(path, format="PNG"),
     "an empty file": lambda path: path.write_bytes(b""),
     "half of it": lambda path: path.write_text('{"format_version": 1, "scores": {'),
     "a list": lambda path: path.write_text("[]"),
@@ -59,13 +50,9 @@ def test_a_json_file_that_egosplat_did_not_write_is_not_sound(surveyed, name, da
     assert str(path) in told and "Rebuild it: " in told
 
 
-def test_a_survey_of_other_frames_is_a_problem(surveyed):
+def test_a_survey_of_other_frames_is_a_problem_and_no_result_an_error(surveyed, tmp_path_factory):
     assert problems(surveyed) == {"frames.zarr": "", "survey.json": ""}
-    make_artifact(surveyed, seed=1)
+    put(surveyed, "frames", {"rgb": np.ones((4, 4, 4, 3), np.uint8)}, size=4)
     assert "was made from another frames.zarr" in problems(surveyed)["survey.json"]
-
-
-def test_a_folder_without_results_is_an_error(tmp_path):
-    (tmp_path / "notes.json").write_text("{}")
     with pytest.raises(UserError, match="no artifact"):
-        check_tree(tmp_path, print)
+        check_tree(tmp_path_factory.mktemp("nothing"), print)

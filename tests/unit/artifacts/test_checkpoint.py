@@ -22,34 +22,26 @@ def saved(folder, key: str = "key") -> Checkpoint:
     return checkpoint
 
 
-def test_a_saved_state_is_restored(tmp_path):
-    saved(tmp_path)
+def test_the_last_saved_state_is_restored(tmp_path):
+    checkpoint = saved(tmp_path)
     loaded = Checkpoint(tmp_path / "splats.zarr", "key", NOW).load()
     assert torch.equal(loaded["tensor"], state()["tensor"])
     assert loaded["list"][:2] == [1, 2.5] and loaded["none"] is None and loaded["text"] == "a"
-
-
-def test_checkpoint_is_a_hidden_file_and_can_be_removed(tmp_path):
-    checkpoint = saved(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == [".splats.zarr.checkpoint"]
-    (checkpoint.file.parent / ".state.12345678.tmp").touch()  # what a killed writer leaves
-    checkpoint.remove()
-    assert not list(tmp_path.iterdir())
-    checkpoint.remove()
-    assert checkpoint.load() is None
-
-
-def test_a_later_checkpoint_replaces_the_earlier(tmp_path):
-    checkpoint = saved(tmp_path)
     checkpoint.save_if_due(lambda: state(2.0))
     assert float(checkpoint.load()["tensor"][0, 0]) == 2.0
+
+
+def test_a_checkpoint_is_one_hidden_file_and_can_be_removed(tmp_path):
+    checkpoint = saved(tmp_path)
+    checkpoint.save_if_due(lambda: state(2.0))
+    assert [path.name for path in tmp_path.iterdir()] == [".splats.zarr.checkpoint"]
     assert len(list(checkpoint.file.parent.iterdir())) == 1
-
-
-def test_checkpoint_waits_for_its_interval(tmp_path):
-    Checkpoint(tmp_path / "splats.zarr", "key", 3600.0).save_if_due(
-        lambda: pytest.fail("asked for the state")
-    )
+    (checkpoint.file.parent / ".state.12345678.tmp").touch()  # what a killed writer leaves
+    for _ in range(2):
+        checkpoint.remove()
+        assert not list(tmp_path.iterdir()) and checkpoint.load() is None
+    waiting = Checkpoint(tmp_path / "splats.zarr", "key", 3600.0)
+    waiting.save_if_due(lambda: pytest.fail("asked for the state before its interval"))
     assert not list(tmp_path.iterdir())
 
 

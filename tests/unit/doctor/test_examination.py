@@ -1,6 +1,7 @@
 """The findings of ``egosplat doctor`` on a machine, and its exit status."""
 
 import importlib.util
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -8,7 +9,7 @@ import torch
 import yaml
 
 from egosplat.doctor import findings as doctor
-from egosplat.doctor.findings import Finding, Mark
+from egosplat.doctor.findings import Finding, Mark, page
 from egosplat.doctor.inputs import examine
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import PHOTO_WEIGHTS
@@ -29,12 +30,8 @@ def folder(tmp_path, monkeypatch):
         (tmp_path / name).write_text(name)
     for number, name in enumerate(("sam2.pt", "clip.bin")):
         torch.save({"weight": torch.full((2,), float(number))}, tmp_path / name)
-    models = {
-        "sam2_config": "sam2.yaml",
-        "sam2_checkpoint": "sam2.pt",
-        "clip_model": str(tmp_path),
-        "clip_checkpoint": "clip.bin",
-    }
+    models = {"sam2_config": "sam2.yaml", "sam2_checkpoint": "sam2.pt"}
+    models |= {"clip_model": str(tmp_path), "clip_checkpoint": "clip.bin"}
     (tmp_path / "config/config.yaml").write_text(yaml.safe_dump({"models": models}))
     rows = ["adt\ts1\tadt\tseq1\tsynthetic.seed=1", "mine\ta\tplain\ta.mp4\t", "mine\tb\tplain\tb.mp4\t"]
     (tmp_path / "config/scenes.tsv").write_text(HEADER + "\n".join(rows))
@@ -65,92 +62,59 @@ def test_nothing_is_missing_on_a_complete_machine(folder):
     assert sorted(folder.rglob("*")) == before, "the doctor only reads"
 
 
-def test_a_missing_checkpoint_comes_with_the_command_that_fetches_it(folder):
-    (folder / "clip.bin").unlink()
-    finding = found()["OpenCLIP"]
-    assert finding.mark == Mark.MISSING and "there is no file clip.bin" in finding.value
-    assert "egosplat models download" in finding.advice
-    assert marks()["SAM2"] == Mark.OK
+def row(dataset: str, format: str, recording: str, options: str = "") -> dict[str, str]:
+    """A table of one scene."""
+    return {"config/scenes.tsv": f"{HEADER}{dataset}\ts\t{format}\t{recording}\t{options}\n"}
 
 
-def test_a_missing_gpu_is_an_error_only_where_keys_ask_for_it(folder):
-    assert marks()["GPU"] == Mark.NOTE
-    asked = found("run={device: cuda, backend: cuda}")
-    assert asked["GPU"].mark == Mark.MISSING
-    assert asked["GPU"].advice == "Set run.backend and run.device to auto"
-    assert asked["models run on"].mark == Mark.MISSING
-
-
-def test_missing_recordings_are_counted_and_named(folder):
-    data = folder / "data"
-    asked = f"data_root={{mine: {data}}}"
-    finding = found(asked)["mine recordings"]
-    assert finding.mark == Mark.MISSING and f"0 of 2 below {data}" in finding.value
-    assert "data_root.mine" in finding.advice
-    data.mkdir()
-    (data / "b.mp4").touch()
-    finding = found(asked)["mine recordings"]
-    assert finding.mark == Mark.MISSING and "1 of 2" in finding.value
-    assert f"a ({data / 'a.mp4'})" in finding.value and "b.mp4" not in finding.value
-    (data / "a.mp4").touch()
-    assert found(asked)["mine recordings"] == Finding(Mark.OK, "mine recordings", f"2 of 2 below {data}")
-
-
-PLAIN, HOI4D, ADT = "mine\ts\tplain\t{}\t", "hoi4d\ts\thoi4d\t{}\t", "adt\ts\tadt\t{}\t"
+CUDA, ENCODER = "run={device: cuda, backend: cuda}", "transient.encoder_weights=encoder.pt"
+MISSING, NOTE, OK = Mark.MISSING, Mark.NOTE, Mark.OK
+DATA = "data_root.mine=data"
 
 
 @pytest.mark.parametrize(
-    "row, root, mark",
+    "files, option, what, mark, said",
     [
-        (PLAIN.format("nowhere.mp4"), None, Mark.MISSING),
-        (PLAIN.format("/nowhere/photos"), None, Mark.MISSING),
-        (PLAIN.format("~/nowhere"), None, Mark.MISSING),
-        (PLAIN.format("~/videos/a.mp4"), None, Mark.OK),
-        (PLAIN.format("a.mp4"), "~/videos", Mark.OK),
-        (HOI4D.format("ZY1/H1"), None, Mark.NOTE),  # the shipped table's, before a root is set
-        (HOI4D.format("ZY1/H1"), "/nowhere", Mark.MISSING),
-        (ADT.format("seq1"), None, Mark.NOTE),
-        (ADT.format("seq1"), "/nowhere", Mark.MISSING),
-        (ADT.format("seq1") + "synthetic.seed=1", None, Mark.OK),
-        ("other\ts\tadt\tseq1\t", None, Mark.MISSING),
+        ({"clip.bin": None}, "", "OpenCLIP", MISSING, "there is no file clip.bin.*egosplat models download"),
+        ({"clip.bin": None}, "", "SAM2", OK, ""),
+        ({"sam2.pt": "rubbish"}, "", "SAM2", MISSING, " 7 bytes"),
+        ({"sam2.pt": ""}, "", "SAM2", MISSING, " 0 bytes"),
+        ({"clip.bin": "version https://git-lfs.github.com"}, "", "OpenCLIP", MISSING, "clip.bin: "),
+        ({}, ENCODER, "encoder", MISSING, "egosplat models download"),
+        ({}, ENCODER.replace("encoder.pt", "sam2.pt"), "encoder", OK, ""),
+        ({}, "", "GPU", NOTE, ""),
+        ({}, CUDA, "GPU", MISSING, "Set run.backend and run.device to auto"),
+        ({}, CUDA, "models run on", MISSING, ""),
+        ({"config/scenes.tsv": "dataset\n"}, "", "scenes", MISSING, ""),
+        # Recordings are counted and named.
+        ({}, DATA, "mine recordings", MISSING, "0 of 2 below data.*data_root.mine"),
+        ({"data/b.mp4": ""}, DATA, "mine recordings", MISSING, r"1 of 2.*: a \(data/a.mp4\)"),
+        ({"data/a.mp4": "", "data/b.mp4": ""}, DATA, "mine recordings", OK, "2 of 2 below data"),
+        # A missing one is an error for rows of the user, not for those of the shipped table before a root is set.
+        (row("mine", "plain", "nowhere.mp4"), "", "mine recordings", MISSING, ""),
+        (row("mine", "plain", "/nowhere/photos"), "", "mine recordings", MISSING, ""),
+        (row("mine", "plain", "~/nowhere"), "", "mine recordings", MISSING, ""),
+        (row("mine", "plain", "~/a.mp4"), "", "mine recordings", OK, ""),
+        (row("mine", "plain", "a.mp4"), "data_root.mine=~/", "mine recordings", OK, ""),
+        (row("other", "adt", "seq1"), "", "other recordings", MISSING, ""),
+        (row("adt", "adt", "seq1"), "", "adt recordings", NOTE, ""),
+        (row("adt", "adt", "seq1"), "data_root.adt=/nowhere", "adt recordings", MISSING, ""),
+        (row("adt", "adt", "seq1", "synthetic.seed=1"), "", "adt recordings", OK, ""),
+        (row("hoi4d", "hoi4d", "ZY1/H1"), "", "hoi4d recordings", NOTE, ""),
+        (row("hoi4d", "hoi4d", "ZY1/H1"), "data_root.hoi4d=/nowhere", "hoi4d recordings", MISSING, ""),
     ],
 )
-def test_a_missing_recording_is_an_error_for_rows_of_the_user(folder, monkeypatch, row, root, mark):
+def test_a_finding_says_what_is_missing_and_what_to_do(folder, monkeypatch, files, option, what, mark, said):
     monkeypatch.setenv("HOME", str(folder))
-    (folder / "videos").mkdir()
-    (folder / "videos/a.mp4").touch()
-    (folder / "config/scenes.tsv").write_text(HEADER + row + "\n")
-    dataset = row.partition("\t")[0]
-    findings = found(*([f"data_root.{dataset}={root}"] if root else []))
-    assert findings[f"{dataset} recordings"].mark == mark
-
-
-@pytest.mark.parametrize(
-    "file, content, said",
-    [
-        ("sam2.pt", b"rubbish", " 7 bytes"),
-        ("sam2.pt", b"", " 0 bytes"),
-        ("clip.bin", b"version https://git-lfs.github.com/spec/v1\n", "clip.bin: "),
-    ],
-)
-def test_a_damaged_checkpoint_is_an_error(folder, file, content, said):
-    (folder / file).write_bytes(content)
-    finding = found()["SAM2" if file == "sam2.pt" else "OpenCLIP"]
-    assert finding.mark == Mark.MISSING and said in finding.value
-
-
-def test_missing_encoder_weights_are_an_error(folder):
-    assert "encoder" not in found()
-    asked = f"transient.encoder_weights={folder / 'encoder.pt'}"
-    assert found(asked)["encoder"].mark == Mark.MISSING
-    assert "egosplat models download" in found(asked)["encoder"].advice
-    torch.save({"weight": torch.zeros(2)}, folder / "encoder.pt")
-    assert found(asked)["encoder"].mark == Mark.OK
+    for name, content in files.items():
+        path = folder / name
+        path.parent.mkdir(exist_ok=True)
+        path.unlink() if content is None else path.write_text(content)
+    finding = found(*filter(None, [option]))[what]
+    assert finding.mark == mark and re.search(said, f"{finding.value} {finding.advice}", re.DOTALL)
 
 
 def test_small_checkpoints_are_noted_for_each_real_scene(folder):
-    for name in ("a.mp4", "b.mp4"):
-        (folder / name).touch()
     assert "mine/a" not in found(), "these models are not the small ones"
     small = "models={set: small, clip_model: small, clip_checkpoint: small}"
     findings = found(small)
@@ -188,9 +152,8 @@ def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(fold
 def test_a_missing_reader_of_aria_recordings_is_noted(folder, monkeypatch):
     assert "projectaria-tools" not in found()
     find = importlib.util.find_spec
-    monkeypatch.setattr(
-        importlib.util, "find_spec", lambda name: name != "projectaria_tools" and find(name) or None
-    )
+    hidden = "projectaria_tools"
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == hidden else find(name))
     assert found()["projectaria-tools"].mark == Mark.NOTE
     assert "pip install" in found()["projectaria-tools"].advice
 
@@ -213,19 +176,8 @@ def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
 
 
 def test_little_free_disk_is_noted(folder, monkeypatch):
-    usage = type("Usage", (), {"free": 1024**3})
-    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: usage)
+    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: SimpleNamespace(free=1024**3))
     assert marks()["disk"] == Mark.NOTE
-
-
-def test_a_wrong_table_of_scenes_is_a_finding(folder):
-    (folder / "config/scenes.tsv").write_text("dataset\n")
-    assert found()["scenes"].mark == Mark.MISSING
-
-
-def test_a_wrong_configuration_is_an_error(folder):
-    with pytest.raises(UserError, match="'models.sam'"):
-        examine([], ["models={sam: small}"])
 
 
 def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, capfd):
@@ -235,3 +187,15 @@ def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, ca
     words = ("doctor", "--configfile", "more.yaml", "--config", "preset=draft")
     status, text, _ = run_command(monkeypatch, capfd, *words)
     assert status == 1 and "missing  SAM2 " in text and "preset draft" in text
+    with pytest.raises(UserError, match="'models.sam'"):
+        examine([], ["models={sam: small}"])
+
+
+def test_marks_names_and_values_are_aligned():
+    first = Finding(Mark.OK, "cores", "2")
+    lines = page(
+        [first, Finding(Mark.MISSING, "a longer name", "nothing", "First do this.\nThen that.")]
+    ).splitlines()
+    assert lines[:2] == ["ok       cores          2", "missing  a longer name  nothing"]
+    assert lines[2:4] == [" " * 24 + "First do this.", " " * 24 + "Then that."]
+    assert lines[-1] == "1 thing that this configuration needs: see 'missing'"
