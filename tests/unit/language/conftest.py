@@ -1,34 +1,36 @@
 """A wall of Gaussians, its left half one instance and its right half another, as artifacts and in memory."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import render
 from egosplat.gaussians.training_views import Masking, open_masking
 from egosplat.geometry import Camera
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
 from tests.support.scenes import LEVELS, camera_facts, put
+from tests.unit.conftest import RENDERING
 
 SIZE = 24
 FRAME_COUNT = 5
 HELD_OUT = 2
 CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
+CLUSTERED = pytest.param(
+    "clustered", marks=pytest.mark.skipif(not find_spec("sklearn"), reason="scikit-learn is absent")
+)
 CODES = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5], [0.3, 0.3, 0.3]], np.float32)
 """Of the instances: 0 is the left half and 1 the right half, both at level 1; 2 is the middle, at level 0."""
-
-
-@pytest.fixture(scope="session")
-def settings() -> RenderSettings:
-    return RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 
 
 @pytest.fixture(scope="session")
@@ -64,22 +66,22 @@ def labels(camera_to_world) -> np.ndarray:
 
 @pytest.fixture
 def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
-    """``scene(target=..., rows=..., levels=...)``: a folder with all that the stage reads but the splats.
+    """``scene(target=, rows=, levels=)``: a folder with all that the stage reads but the splats.
 
-    Args:
-        target: as features.supervision; rows: (instance, frame) of the views that were encoded, by default all.
-        levels: of the instances.
+    ``target`` is features.supervision; ``rows`` are (instance, frame) of the views that were encoded, by default all;
+    ``levels`` are of the instances.
     """
 
     def make(
         target: str = "average", rows: list[tuple[int, int]] | None = None, levels: Sequence[int] = (1, 1, 0)
     ) -> Path:
-        settings = RenderSettings(0.1, "black", False, "auto")
-        options = {"sh_degree": 0, "background": None}
-        images = torch.stack([render(wall, CAMERA, pose, settings, **options)[0] for pose in camera_to_world])
+        look = partial(render, wall, CAMERA, settings=RENDERING, sh_degree=0, background=None)
         facts = camera_facts(CAMERA)
         frames = {
-            "rgb": (images.clamp(0, 1) * 255).round().to(torch.uint8).numpy(),
+            "rgb": (torch.stack([look(pose)[0] for pose in camera_to_world]).clamp(0, 1) * 255)
+            .round()
+            .to(torch.uint8)
+            .numpy(),
             "train": np.arange(FRAME_COUNT) != HELD_OUT,
         }
         poses = {
@@ -89,8 +91,8 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
             "points/rgb": np.full((wall.count, 3), 128, np.uint8),
         }
         level = np.array(levels, np.int8)
-        everything = [(instance, frame) for instance in range(3) for frame in range(FRAME_COUNT)]
-        views = np.array(everything if rows is None else rows, np.int32).reshape(-1, 2)
+        views = np.argwhere(np.ones((3, FRAME_COUNT))) if rows is None else np.array(rows)
+        views = views.astype(np.int32)
         features = {
             "consistent": CODES,
             "views": np.ones(3, np.int32),
@@ -105,12 +107,11 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         moving[:, :, :4] = True
         put(tmp_path, "frames", frames, facts)
         put(tmp_path, "poses", poses, facts, made_from=["frames"])
-        instances = {"labels": labels, "instances/level": level}
-        put(tmp_path, "instances", instances, {"levels": LEVELS}, made_from=["frames"])
-        decoder = {"levels": LEVELS, "decoder": {"widths": [3]}}
-        put(tmp_path, "features", features, decoder, options={"supervision": target})
-        masks = {"refined": moving, "instances/transient": np.zeros(3, bool)}
-        put(tmp_path, "masks", masks, made_from=["instances"])
+        about = {"levels": LEVELS, "decoder": {"widths": [3]}}
+        put(tmp_path, "instances", {"labels": labels, "instances/level": level}, about, made_from=["frames"])
+        put(tmp_path, "features", features, about, options={"supervision": target})
+        still = np.zeros(3, bool)
+        put(tmp_path, "masks", {"refined": moving, "instances/transient": still}, made_from=["instances"])
         put(tmp_path, "transient", {"probability": moving.astype(np.float16) / 2}, made_from=["frames"])
         return tmp_path
 
@@ -124,18 +125,28 @@ def unrefined(tmp_path_factory) -> Artifact:
 
 
 @pytest.fixture
-def prepared(scene, unrefined, wall, settings):
+def checkpoint(tmp_path) -> Checkpoint:
+    """One that is not due."""
+    return Checkpoint(tmp_path / "language.zarr", "key", 1e9)
+
+
+def open_features(folder: Path) -> list[Artifact]:
+    """The frames, poses, instances and features of a folder."""
+    kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES}
+    return [open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()]
+
+
+@pytest.fixture
+def prepared(scene, unrefined, wall):
     """``prepared(masked, gaussians, **changes)``: the training views of a scene, by default of the wall, and its targets."""
 
     def make(masked: bool = False, gaussians: Gaussians = wall, **changes: object):
         folder = scene(**changes)
-        kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES}
-        opened = [open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()]
-        frames, poses, instances, features = opened
+        frames, poses, instances, features = open_features(folder)
         targets = CodeTargets(instances, features, torch.device("cpu"))
         masking = Masking(None, "")
         if masked:
             masking = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
-        return select_code_views(frames, poses, unrefined, targets.of, masking, gaussians, settings), targets
+        return select_code_views(frames, poses, unrefined, targets.of, masking, gaussians, RENDERING), targets
 
     return make

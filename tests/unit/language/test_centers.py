@@ -1,5 +1,7 @@
 """Weights and median depths at projected centers, against the definition in float64 and by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -9,15 +11,16 @@ from egosplat.geometry import Camera
 from egosplat.language.centers import look_at_centers, median_depths
 from egosplat.rasterize.view import View, own_weights, pixel_lists
 from tests.support.blobs import blobs, crowd
+from tests.unit.conftest import RENDERING
 
 CAMERA = Camera(60, 40, 50.0, 50.0, 30.0, 20.0)
 
 
-def settings(backend: str = "auto") -> RenderSettings:
-    return RenderSettings(near_plane=0.1, background="black", antialiased=False, backend=backend)
-
-
 CROWD = crowd()
+
+
+def settings(backend: str) -> RenderSettings:
+    return replace(RENDERING, backend=backend)
 
 
 def test_kernels_list_what_the_reference_shows():
@@ -62,7 +65,7 @@ def test_what_a_view_shows_is_the_same_with_both_backends():
 )
 def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, median):
     row = blobs([[0.0, 0.0, depth] for depth in depths], opacities)
-    found = look_at_centers(row, CAMERA, np.eye(4), settings())
+    found = look_at_centers(row, CAMERA, np.eye(4), RENDERING)
     assert found.pixel.tolist() == [[30, 20]] * len(depths)
     # The center lies at the corner of its pixel, half a pixel from the pixel's center.
     np.testing.assert_allclose(found.weight, weights, rtol=0.02, atol=0.01)
@@ -70,17 +73,17 @@ def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, 
     assert not found.weight[3:].any()
 
 
-def test_centers_behind_the_camera_and_outside_the_image_are_left_out():
-    found = look_at_centers(
-        blobs([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.2, 0.0, 2.0]], [0.9] * 3), CAMERA, np.eye(4), settings()
-    )
-    np.testing.assert_array_equal(found.gaussian, [2])
-    np.testing.assert_array_equal(found.pixel, [[35, 20]])
-
-
-def test_a_view_without_centers_is_empty():
-    found = look_at_centers(blobs([[0.0, 0.0, -2.0]], [0.9]), CAMERA, np.eye(4), settings())
-    assert found.pixel.shape == (0, 2) and found.weight.shape == found.median_depth.shape == (0,)
+@pytest.mark.parametrize(
+    ("means", "gaussian", "pixel"),
+    [
+        ([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.2, 0.0, 2.0]], [2], [[35, 20]]),
+        ([[0.0, 0.0, -2.0]], [], []),
+    ],
+)
+def test_centers_behind_the_camera_and_outside_the_image_are_left_out(means, gaussian, pixel):
+    found = look_at_centers(blobs(means, [0.9] * len(means)), CAMERA, np.eye(4), RENDERING)
+    assert (found.gaussian.tolist(), found.pixel.tolist()) == (gaussian, pixel)
+    assert found.weight.shape == found.median_depth.shape == (len(gaussian),)
 
 
 @pytest.mark.parametrize("width, height", [(60, 40), (67, 33)])
@@ -106,4 +109,4 @@ def test_own_weights_are_those_of_the_lists(width, height):
 
 def test_own_weights_need_a_pixel_for_each_gaussian():
     with pytest.raises(ValueError, match=r"\(299, 2\).*\(300, 2\)"):
-        own_weights(view_of(CROWD, CAMERA, np.eye(4), settings()), torch.zeros(299, 2).long())
+        own_weights(view_of(CROWD, CAMERA, np.eye(4), RENDERING), torch.zeros(299, 2).long())

@@ -17,35 +17,35 @@ def chain(*layers: tuple[list[list[float]], list[float]], **fields: object) -> D
 
 
 EYE = ([[1.0, 0.0], [0.0, 1.0]], [0.0, 0.0])
+BOOK = EYE, ([[1.0, 0.0], [0.0, 3.0]], [0.0, 0.0])
+TURN = ([[0.0, -1.0], [1.0, 0.0]], [0.0, 0.0])
+SHIFT = (EYE[0], [1.0, 0.0])
+THREE = {"after": ("relu", "relu", "none")}
+ROOT = 0.5**0.5
 
 
-def test_softmax_chooses_rows_of_a_code_book():
-    """Certain logits give their row; equal ones of norms 1 and 3 lean to the longer row, which is not normalized."""
-    book = chain(EYE, ([[1.0, 0.0], [0.0, 3.0]], [0.0, 0.0]), after=("softmax", "none"))
-    codes = torch.tensor([[60.0, 0.0], [0.0, 60.0], [5.0, 5.0]])
-    root = 10**-0.5
-    expected = torch.tensor([[1.0, 0.0], [0.0, 1.0], [root, 3 * root]])
-    torch.testing.assert_close(decode(codes, book), expected)
-
-
-def test_without_names_relu_stands_between_layers_only():
-    mixed = torch.tensor([[-3.0, 4.0]])
-    named = chain(EYE, EYE, after=("relu", "none"))
-    torch.testing.assert_close(decode(mixed, chain(EYE, EYE)), decode(mixed, named))
-    torch.testing.assert_close(decode(mixed, named), torch.tensor([[0.0, 1.0]]))
-    torch.testing.assert_close(
-        decode(mixed, chain(EYE, EYE, after=("none", "none"))), torch.tensor([[-0.6, 0.8]])
-    )
-
-
-def test_a_skip_adds_what_the_early_layer_passed_on():
-    """Layer 0 gives (1, 0), layer 1 turns it to (0, 1), and the sum is (1, 1)."""
-    turn = ([[0.0, -1.0], [1.0, 0.0]], [0.0, 0.0])
-    after = ("relu", "relu", "none")
-    codes, root = torch.tensor([[1.0, 0.0]]), 0.5**0.5
-    torch.testing.assert_close(decode(codes, chain(EYE, turn, EYE, after=after)), torch.tensor([[0.0, 1.0]]))
-    skipping = chain(EYE, turn, EYE, after=after, skips=((0, 1),))
-    torch.testing.assert_close(decode(codes, skipping), torch.tensor([[root, root]]))
+@pytest.mark.parametrize(
+    ("decoder", "code", "feature"),
+    [
+        # Certain logits give their row; equal ones lean to the longer row, which is not normalized.
+        (chain(*BOOK, after=("softmax", "none")), [60.0, 0.0], [1.0, 0.0]),
+        (chain(*BOOK, after=("softmax", "none")), [0.0, 60.0], [0.0, 1.0]),
+        (chain(*BOOK, after=("softmax", "none")), [5.0, 5.0], [10**-0.5, 3 * 10**-0.5]),
+        # Without names ReLU stands between layers alone.
+        (chain(EYE, EYE), [-3.0, 4.0], [0.0, 1.0]),
+        (chain(EYE, EYE, after=("relu", "none")), [-3.0, 4.0], [0.0, 1.0]),
+        (chain(EYE, EYE, after=("none", "none")), [-3.0, 4.0], [-0.6, 0.8]),
+        # Layer 0 gives (1, 0), layer 1 turns it to (0, 1), and with a skip the sum is (1, 1).
+        (chain(EYE, TURN, EYE, **THREE), [1.0, 0.0], [0.0, 1.0]),
+        (chain(EYE, TURN, EYE, **THREE, skips=((0, 1),)), [1.0, 0.0], [ROOT, ROOT]),
+        # A unit input has no norm, and stays 0.
+        (chain(SHIFT, unit_input=True), [0.0, 1.0], [ROOT, ROOT]),
+        (chain(SHIFT, unit_input=True), [0.0, 1e-3], [ROOT, ROOT]),
+        (chain(SHIFT, unit_input=True), [0.0, 0.0], [1.0, 0.0]),
+    ],
+)
+def test_codes_are_decoded_by_hand(decoder, code, feature):
+    torch.testing.assert_close(decode(torch.tensor([code]), decoder), torch.tensor([feature]))
 
 
 @pytest.mark.parametrize("after", [("relu", "relu", "none"), ("none", "softmax", "none")])
@@ -63,22 +63,11 @@ def test_channels_that_are_zero_are_left_out_without_a_difference(after):
         torch.testing.assert_close(found, decode(part, decoder))
 
 
-def test_a_unit_input_forgets_the_norm_and_keeps_zero():
-    shifted = ([[1.0, 0.0], [0.0, 1.0]], [1.0, 0.0])
-    decoder = chain(shifted, unit_input=True)
-    torch.testing.assert_close(*decode(torch.tensor([[0.0, 1.0], [0.0, 1e-3]]), decoder))
-    torch.testing.assert_close(decode(torch.zeros(1, 2), decoder), torch.tensor([[1.0, 0.0]]))
-
-
 @pytest.mark.parametrize(
     "fields",
     [
-        {"after": ("relu",)},
-        {"after": ("relu", "relu", "relu")},
-        {"after": ("tanh", "relu", "none")},
-        {"skips": ((0, 2),)},
-        {"skips": ((1, 0),)},
-        {"skips": ((-1, 1),)},
+        *({"after": after} for after in (("relu",), ("relu",) * 3, ("tanh", "relu", "none"))),
+        *({"skips": (skip,)} for skip in ((0, 2), (1, 0), (-1, 1))),
     ],
 )
 def test_fields_that_do_not_agree_are_rejected(fields):
@@ -87,10 +76,6 @@ def test_fields_that_do_not_agree_are_rejected(fields):
 
 
 def test_metadata_names_every_field():
+    fields = {"after": ["relu", "softmax", "none"], "unit_input": True, "skips": [[0, 1]]}
     decoder = chain(EYE, EYE, EYE, after=("relu", "softmax", "none"), unit_input=True, skips=((0, 1),))
-    assert decoder_metadata(decoder) == {
-        "widths": [2, 2, 2, 2],
-        "after": ["relu", "softmax", "none"],
-        "unit_input": True,
-        "skips": [[0, 1]],
-    }
+    assert decoder_metadata(decoder) == {"widths": [2, 2, 2, 2]} | fields

@@ -1,79 +1,120 @@
-"""Closed-form lifting against compositing weights measured one Gaussian at a time."""
+"""Lifted codes, of pixels or of instances, against compositing weights measured one Gaussian at a time."""
 
 import numpy as np
 import pytest
 import torch
+from scipy import sparse
 
+from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import view_of
-from egosplat.language.dominant import lift_instances
+from egosplat.language.centers import project_centers
+from egosplat.language.dominant import lift_instances, mean_of_dominant, target_votes
 from egosplat.language.lifting import lift
 from egosplat.language.rendering import render_codes
 from egosplat.rasterize.view import composite
-from tests.unit.language.conftest import CAMERA, HELD_OUT
+from tests.unit.conftest import RENDERING
+from tests.unit.language.conftest import CAMERA, CODES, HELD_OUT
 
 
-@pytest.mark.parametrize("masked", [False, True])
-def test_lifted_codes_are_means_by_rendering_weight(wall, prepared, settings, masked):
-    given, _ = prepared(masked)
-    lifted = lift(given)
-    # Each column of the identity shows where one Gaussian is rendered, and how much of it.
-    codes, known, seen = torch.zeros(wall.count, 2, 3), torch.zeros(wall.count, 2), torch.zeros(wall.count)
-    for index in range(len(given)):
-        view = view_of(wall, given.camera, given.camera_to_world[index], settings)
-        image, _ = composite(view, torch.eye(wall.count))
-        targets, weight = given.targets(int(given.frame[index])), given.weight(index)
-        counted = targets.known * (torch.ones(24, 24) if weight is None else weight)
+@pytest.fixture(params=[False, True], ids=["every pixel", "masked"])
+def alone(request, prepared):
+    """Views, targets, and of each view the (24, 24, N) weights with which each Gaussian is shown."""
+    views, targets = prepared(request.param)
+    images = []
+    for index in range(len(views)):
+        # Each column of the identity shows where one Gaussian is rendered, and how much of it.
+        image, _ = composite(views.view(index), torch.eye(views.gaussians.count))
+        weight = views.weight(index)
+        images.append(image if weight is None else image * weight[..., None])
+    return views, targets, images
+
+
+def test_lifted_codes_are_means_by_rendering_weight(alone):
+    views, _, images = alone
+    lifted, count = lift(views), views.gaussians.count
+    codes, known, seen = torch.zeros(count, 2, 3), torch.zeros(count, 2), torch.zeros(count, 1)
+    for frame, image in zip(views.frame, images, strict=True):
+        targets = views.targets(int(frame))
+        counted = targets.known.float()
         codes += torch.einsum("hwn,lchw,lhw->nlc", image, targets.codes, counted)
         known += torch.einsum("hwn,lhw->nl", image, counted)
-        seen += torch.einsum("hwn,hw->n", image, torch.ones(24, 24) if weight is None else weight)
+        seen += image.sum(dim=(0, 1))[:, None]
     taught = known > 1e-3
-    torch.testing.assert_close(
-        lifted.code, torch.where(taught[..., None], codes / known[..., None], 0.0), rtol=1e-4, atol=1e-5
-    )
-    torch.testing.assert_close(
-        lifted.share, torch.where(taught, known / seen[:, None], 0.0), rtol=1e-4, atol=1e-5
-    )
+    code = torch.where(taught[..., None], codes / known[..., None], 0.0)
+    torch.testing.assert_close(lifted.code, code, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(lifted.share, torch.where(taught, known / seen, 0.0), rtol=1e-4, atol=1e-5)
 
 
-@pytest.mark.parametrize("dominant", [False, True])
-def test_gaussians_in_no_view_get_no_code(wall, prepared, dominant):
+def test_votes_are_rendering_weights_at_centers(alone):
+    views, targets, images = alone
+    votes, seen = target_votes(views, targets)
+    expected, total = np.zeros((views.gaussians.count, 3)), np.zeros(views.gaussians.count)
+    for frame, pose, image in zip(views.frame, views.camera_to_world, images, strict=True):
+        gaussian, pixel, _ = project_centers(views.gaussians, CAMERA, pose, RENDERING)
+        column, row = pixel.T
+        own = image[row, column, gaussian].numpy()
+        labels = targets.labels(int(frame)).numpy()[:, row, column]
+        expected[gaussian] += own[:, None] * (labels[..., None] == np.arange(3)).any(axis=0)
+        total[gaussian] += own
+    by_instance = votes.toarray() @ np.eye(3)[targets.code_rows()[1]]
+    np.testing.assert_allclose(by_instance, expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(seen, total, rtol=1e-4, atol=1e-4)
+
+
+def test_each_gaussian_has_the_code_of_one_instance(wall, prepared):
+    """A Gaussian on the border of two instances has the code of the larger part, not a mean."""
+    views, targets = prepared()
+    found = lift_instances(views, targets)
+    votes = target_votes(views, targets)[0].toarray() @ np.eye(3)[targets.code_rows()[1]]
+    assert found.decoded == GAUSSIANS and found.levels == ["part", "whole"]
+    middle, shown = (found.share > 0).T
+    larger = torch.from_numpy(CODES[votes[:, :2].argmax(axis=1)])
+    torch.testing.assert_close(found.code[shown, 1], larger[shown])
+    torch.testing.assert_close(found.code[middle, 0], torch.from_numpy(CODES)[[2] * int(middle.sum())])
+    assert bool(middle.any()) and float(found.share.min()) >= 0.0 and float(found.share.max()) <= 1.0
+    far = wall.means[:, 1].abs() > 1.2  # no instance at level 0 there
+    assert not found.share[far, 0].any() and not found.code[far, 0].any()
+
+
+def test_a_code_is_the_mean_of_the_views_of_the_dominant_instance():
+    """Weights 3 and 1 on two views of instance 5; weight 3.5 on another instance does not count."""
+    votes = sparse.csr_array(np.array([[3.0, 1.0, 3.5], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], np.float32))
+    codes = np.array([[1.0, 0.0], [0.0, 4.0], [7.0, 7.0]], np.float32)
+    code, known = mean_of_dominant(votes, np.array([5, 5, 2]), codes)
+    np.testing.assert_allclose(code, [[0.75, 1.0], [7.0, 7.0], [0.0, 0.0]])
+    np.testing.assert_allclose(known, [7.5, 2.0, 0.0])
+
+
+def test_an_instance_without_views_has_no_code(prepared):
+    rows = [(instance, frame) for instance in (0, 1) for frame in (0, 1, 3, 4)]
+    found = lift_instances(*prepared(target="view", rows=rows))
+    assert not found.share[:, 0].any() and not found.code[:, 0].any()
+    assert float(found.share[:, 1].max()) == pytest.approx(1.0)
+
+
+def test_gaussians_in_no_view_get_no_code(wall, prepared):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
     views, targets = prepared(gaussians=Gaussians.concatenate([wall, behind]))
-    lifted = lift_instances(views, targets) if dominant else lift(views)
-    assert not lifted.share[-3:].any() and not lifted.code[-3:].any()
-    assert bool(lifted.code.isfinite().all()) and bool((lifted.share <= 1).all())
+    for lifted in (lift(views), lift_instances(views, targets)):
+        assert not lifted.share[-3:].any() and not lifted.code[-3:].any()
+        assert bool(lifted.code.isfinite().all()) and bool((lifted.share <= 1).all())
 
 
-def test_rendered_codes_are_those_that_were_lifted(wall, prepared, settings, camera_to_world, labels):
+def test_rendered_codes_are_those_that_were_lifted(wall, prepared, camera_to_world, labels):
     lifted = lift(prepared()[0])
-    found = render_codes(
-        wall,
-        lifted.code,
-        lifted.share,
-        CAMERA,
-        camera_to_world[HELD_OUT],
-        settings,
-    )
+    found = render_codes(wall, lifted.code, lifted.share, CAMERA, camera_to_world[HELD_OUT], RENDERING)
     assert found.codes.shape == (2, 24, 24, 3) and found.coverage.shape == (2, 24, 24)
-    nearest = torch.cdist(
-        found.codes[1].reshape(-1, 3), torch.tensor([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5]])
-    ).argmin(dim=1)
-    assert float((nearest.reshape(24, 24).numpy() == labels[2, 1]).mean()) > 0.95
-    assert float(found.coverage.max()) <= 1.0 + 1e-5
+    nearest = torch.cdist(found.codes[1], torch.from_numpy(CODES[:2])[None]).argmin(dim=2).numpy()
+    assert (nearest == labels[HELD_OUT, 1]).mean() > 0.95 and float(found.coverage.max()) <= 1.0 + 1e-5
     none = found.coverage[0] <= 1e-6
     assert bool(none.any()) and float(found.codes[0][none].abs().max()) == 0.0
 
 
-def test_gaussians_without_share_do_not_contribute(wall, camera_to_world, settings, prepared):
-    code = torch.zeros(wall.count, 1, 2)
-    code[: wall.count // 2] = torch.tensor([1.0, 2.0])
-    code[wall.count // 2 :] = 1e6
-    share = torch.zeros(wall.count, 1)
-    share[: wall.count // 2] = 0.25
-    found = render_codes(wall, code, share, CAMERA, camera_to_world[0], settings)
-    covered = found.coverage[0] > 1e-6
-    assert bool(covered.any())
-    values = found.codes[0][covered]
-    np.testing.assert_allclose(values.numpy(), np.tile([1.0, 2.0], (len(values), 1)), rtol=1e-3)
+def test_gaussians_without_share_do_not_contribute(wall, camera_to_world):
+    shown = torch.arange(wall.count)[:, None] < wall.count // 2
+    code = torch.where(shown[..., None], torch.tensor([1.0, 2.0]), 1e6)
+    found = render_codes(wall, code, 0.25 * shown, CAMERA, camera_to_world[0], RENDERING)
+    values = found.codes[0][found.coverage[0] > 1e-6].numpy()
+    assert len(values)
+    np.testing.assert_allclose(values, np.tile([1.0, 2.0], (len(values), 1)), rtol=1e-3)

@@ -10,11 +10,10 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, TILE_SCALES, TILES
+from egosplat.artifacts.schemas import TILE_SCALES, TILES
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Masking
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.method import Coded, Method
@@ -36,17 +35,17 @@ from egosplat_rivals.pixel_views import PixelViews
 from egosplat_rivals.tile_views import TileViews
 from egosplat_rivals.tiles import pyramid
 from tests.support.scenes import camera_facts, put, put_scene
-from tests.unit.language.conftest import CAMERA, FRAME_COUNT, HELD_OUT, SIZE
+from tests.unit.conftest import RENDERING
+from tests.unit.language.conftest import CAMERA, CLUSTERED, FRAME_COUNT, HELD_OUT, SIZE, open_features
 
 CPU = torch.device("cpu")
 NAMES = ["subpart", "part", "whole"]
 FEATURE = np.eye(8, dtype=np.float32)[:2]
+PIXELS = 200
 
 # Of each method, iterations that suffice for so small a scene.
 ITERATIONS = {"sparse": 120, "granular": 150, "field": 100, "quantized": 500}
-
-
-METHODS = [name for name in STAGES["language"].modules if name != "joint"]
+METHODS = [name for name in STAGES["language"].modules if name not in ("joint", "clustered")] + [CLUSTERED]
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +54,8 @@ def squares():
     side = np.linspace(-0.6, 0.6, 13)
     grid = np.stack(np.meshgrid(side, side, [2.0]), axis=-1).reshape(-1, 3)
     xyz = np.concatenate([grid + [-0.9, 0, 0], grid + [0.9, 0, 0]])
-    gaussians = from_points(
-        xyz, np.zeros((len(xyz), 3), np.uint8), sh_degree=0, feature_channels=0, max_points=1000, seed=0
-    )
+    black = np.zeros((len(xyz), 3), np.uint8)
+    gaussians = from_points(xyz, black, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
     gaussians.logit_opacities.fill_(4.0)
     return gaussians
 
@@ -71,13 +69,13 @@ def square_of(pose: np.ndarray, margin: float) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory, squares, settings, camera_to_world, unrefined):
-    """Gaussians, views, settings and targets of the squares; instance 2 l + s is square s at level l."""
+def scene(tmp_path_factory, squares, camera_to_world, unrefined):
+    """Gaussians, views and targets of the squares; instance 2 l + s is square s at level l."""
     folder = tmp_path_factory.mktemp("squares")
     square = np.stack([square_of(pose, 0.0) for pose in camera_to_world])
     levels = 2 * np.arange(3)[None, :, None, None]
     labels = np.where(square[:, None] < 0, -1, square[:, None] + levels).astype(np.int32)
-    views = np.array([(one, frame) for one in range(6) for frame in range(FRAME_COUNT)], np.int32)
+    views = np.argwhere(np.ones((6, FRAME_COUNT))).astype(np.int32)
     arrays = {
         "rgb": np.zeros((FRAME_COUNT, SIZE, SIZE, 3), np.uint8),
         "train": np.arange(FRAME_COUNT) != HELD_OUT,
@@ -97,23 +95,14 @@ def scene(tmp_path_factory, squares, settings, camera_to_world, unrefined):
         "code": FEATURE[views[:, 0] % 2],
         "consistent_code": FEATURE[np.arange(6) % 2],
     }
-    put(
-        folder,
-        "features",
-        features,
-        {"levels": NAMES, "decoder": {"widths": [8]}},
-        options={"supervision": "view"},
-        made_from=["instances"],
-    )
-    kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES}
-    frames, poses, instances, found = (
-        open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()
-    )
+    facts = {"levels": NAMES, "decoder": {"widths": [8]}}
+    put(folder, "features", features, facts, options={"supervision": "view"}, made_from=["instances"])
+    frames, poses, instances, found = open_features(folder)
     targets = CodeTargets(instances, found, CPU)
-    views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), squares, settings)
+    views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), squares, RENDERING)
     put_tiles(folder, camera_to_world)
     tiles = TileViews([open_artifact(folder / "tiles.zarr", TILES)], frames, CPU)
-    return Scene(squares, views, settings, targets, tiles)
+    return Scene(squares, views, targets, tiles)
 
 
 def put_tiles(folder, camera_to_world: np.ndarray) -> None:
@@ -138,12 +127,12 @@ class Scene:
 
     gaussians: Gaussians
     views: CodeViews
-    settings: RenderSettings
     targets: CodeTargets
     tiles: TileViews
 
     def coded(self, method: str, checkpoint: Checkpoint, **changes: object) -> Coded:
-        options = options_of(method, **changes)
+        keys = {"method": method, "iterations": ITERATIONS.get(method, 150), "pixels": PIXELS, "lr": 0.02}
+        options = LanguageOptions(**stage_values("language", defaults()) | keys | changes)
         how: Method = load_module("language", method).METHOD
         targets = self.tiles if TILES in how.learns_from else self.targets
         return how.give_codes(self.views, targets, options, checkpoint)
@@ -153,7 +142,7 @@ class Scene:
         decoder = coded.decoder or Decoder((8,), np.zeros(0, np.float32))
         camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.decoded)
         texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
-        known = QueryScene(self.gaussians, self.settings, camera, 0, *codes, coded.levels)
+        known = QueryScene(self.gaussians, RENDERING, camera, 0, *codes, coded.levels)
         return list(Asker(known, texts, LANGSPLAT).ask(texts.phrases, camera, pose, None))
 
 
@@ -168,26 +157,9 @@ def coded(scene, tmp_path_factory) -> Callable[[str], Coded]:
     return found
 
 
-def needs_libraries(method: str) -> None:
-    """Skip a method whose libraries are not there."""
-    if method == "clustered":
-        pytest.importorskip("sklearn")
-
-
-def options_of(method: str, **changes: object) -> LanguageOptions:
-    keys = stage_values("language", defaults()) | {
-        "method": method,
-        "iterations": ITERATIONS.get(method, 150),
-        "pixels": 200,
-        "lr": 0.02,
-    }
-    return LanguageOptions(**keys | changes)
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, method):
     """Each word finds its own square and nothing of the other one. With the words exchanged, the answers are exchanged."""
-    needs_libraries(method)
     pose = camera_to_world[HELD_OUT]
     # Gaussians reach over the edges of their square.
     shown, inside = square_of(pose, -0.15), square_of(pose, 0.15)
@@ -208,20 +180,19 @@ def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, meth
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_with_the_poses_of_other_views_each_square_is_answered_with_the_other_feature(
-    scene, camera_to_world, tmp_path, method
+def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
+    scene, camera_to_world, checkpoint, method
 ):
     """Guards against a method that does not use the poses. Half of the views show the right square where the left one was,
     the others the left one where the right one was."""
-    needs_libraries(method)
     wrong = scene.views.camera_to_world.copy()
     wrong[:, 0, 3] += np.where(np.arange(len(wrong)) % 2, 1.8, -1.8)
     scene = replace(scene, views=replace(scene.views, camera_to_world=wrong))
     # A view shows one square alone, so a decoder takes longer to tell them apart.
     longer = {"iterations": 200, "lr": 0.06} if method == "granular" else {}
-    coded = scene.coded(method, Checkpoint(tmp_path / "language.zarr", "key", 1e9), **longer)
+    coded = scene.coded(method, checkpoint, **longer)
     pose = camera_to_world[HELD_OUT]
-    found = render_codes(scene.gaussians, coded.code, coded.share, scene.views.camera, pose, scene.settings)
+    found = render_codes(scene.gaussians, coded.code, coded.share, CAMERA, pose, RENDERING)
     square = square_of(pose, 0.15)
     for level in range(len(coded.levels)):
         right = other = 0.0
@@ -240,6 +211,7 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
         checkpoint.file.parent.parent.mkdir(exist_ok=True)
         return scene.coded(method, checkpoint, iterations=iterations)
 
+    before = {name: values.clone() for name, values in scene.gaussians.parameters().items()}
     whole = run("whole")
     iterate = loop._Training.iterate
 
@@ -255,34 +227,26 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
     rest = run("killed")
     assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
     assert np.array_equal(whole.decoder.values, rest.decoder.values)
-    assert replace(whole.decoder, values=rest.decoder.values).widths == rest.decoder.widths
+    assert whole.decoder.widths == rest.decoder.widths
+    for name, values in scene.gaussians.parameters().items():
+        assert torch.equal(values, before[name]) and values.grad is None, "the geometry learns nothing"
 
 
-def test_methods_from_tiles_say_which_frame_lacks_them(scene, tmp_path):
+def test_methods_from_tiles_say_which_frame_lacks_them(scene, checkpoint):
     scene = replace(scene, views=replace(scene.views, frame=np.array([0, HELD_OUT])))
     with pytest.raises(UserError, match=f"frame {HELD_OUT}"):
-        scene.coded("field", Checkpoint(tmp_path / "language.zarr", "key", 1e9))
+        scene.coded("field", checkpoint)
 
 
-def test_no_gradient_reaches_the_gaussians(scene, tmp_path):
-    """LERF's geometry learns nothing from language."""
-    before = {name: part.clone() for name, part in scene.gaussians.parameters().items()}
-    scene.coded("field", Checkpoint(tmp_path / "language.zarr", "key", 1e9), iterations=10)
-    for name, part in scene.gaussians.parameters().items():
-        assert torch.equal(part, before[name]) and part.grad is None
-
-
-def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene, camera_to_world, tmp_path):
+def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene, camera_to_world, checkpoint):
     """Codes rendered from all Gaussians of a pixel against the field at the pixel's surface."""
-    options = options_of("field")
-    pixels = PixelViews(scene.views, options.pixels)
-    trained = Field(pixels, scene.tiles, 0)
-    train(trained, len(scene.views), 60, 0, Checkpoint(tmp_path / "language.zarr", "key", 1e9))
+    trained = Field(PixelViews(scene.views, PIXELS), scene.tiles, 0)
+    train(trained, len(scene.views), 60, 0, checkpoint)
     scales = torch.tensor([0.0, 0.5])
     code, decoder = evaluate_at_centers(trained, scene.gaussians.means, scales, 6)
     pose = camera_to_world[HELD_OUT]
     share = torch.ones(code.shape[:2])
-    found = render_codes(scene.gaussians, code, share, scene.views.camera, pose, scene.settings)
+    found = render_codes(scene.gaussians, code, share, CAMERA, pose, RENDERING)
     rows, columns = np.nonzero(square_of(pose, 0.1) >= 0)
     at = (np.stack([columns, rows], axis=1) + 0.5 - SIZE / 2) / CAMERA.fx * 2.0
     points = torch.tensor(np.column_stack([at, np.full(len(at), 2.0)]) + pose[:3, 3]).float()
@@ -293,12 +257,10 @@ def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene,
 
 
 @pytest.mark.parametrize("method", [*ITERATIONS])
-def test_a_view_that_shows_nothing_does_not_end_training(scene, tmp_path, method):
+def test_a_view_that_shows_nothing_does_not_end_training(scene, checkpoint, method):
     """No valid pixel, and no Gaussian before the camera."""
     away = scene.views.camera_to_world.copy()
     away[1, 2, 3] = 50.0
-    scene = replace(scene, views=replace(scene.views, camera_to_world=away))
-    checkpoint = Checkpoint(tmp_path / "language.zarr", "key", 1e9)
-    assert np.isfinite(scene.coded(method, checkpoint, iterations=10).curve.loss).all()
-    scene = replace(scene, views=replace(scene.views, valid=torch.zeros(SIZE, SIZE)))
-    assert np.isfinite(scene.coded(method, checkpoint, iterations=10).curve.loss).all()
+    for change in ({"camera_to_world": away}, {"camera_to_world": away, "valid": torch.zeros(SIZE, SIZE)}):
+        changed = replace(scene, views=replace(scene.views, **change))
+        assert np.isfinite(changed.coded(method, checkpoint, iterations=10).curve.loss).all()

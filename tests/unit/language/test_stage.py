@@ -1,7 +1,6 @@
 """Stage language writes a complete artifact for each method and checks its inputs."""
 
 import shutil
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from egosplat.language.method import Coded, Method
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.stages import code_of
 from egosplat.splats import stage as splats_stage
+from tests.unit.language.conftest import CLUSTERED
 
 KEYS = stage_values("language", defaults()) | {"iterations": 20, "lr": 0.02}
 SPLATS = defaults()["camera"] | defaults()["splats"]
@@ -23,20 +23,22 @@ SPLATS |= {"iterations": 20, "max_gaussians": 300, "evaluate_every": 20, "sh_deg
 GEOMETRY = "geometry shared, of 20 iterations"
 
 
-def train(folder: Path, **changes: object) -> None:
-    names = ("masks", "transient", "instances", "features")
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in names}
-    needed = (folder / f"{name}.zarr" for name in ("frames", "poses", "splats"))
-    splats_stage.run(*needed, splats_stage.SplatsOptions(**SPLATS | changes), **paths)
+@pytest.fixture
+def trained(scene):
+    """``trained(**changes)``: the folder of the scene with splats."""
+
+    def make(**changes: object) -> Path:
+        folder = scene()
+        names = ("masks", "transient", "instances", "features")
+        paths = {f"{name}_path": folder / f"{name}.zarr" for name in names}
+        needed = (folder / f"{name}.zarr" for name in ("frames", "poses", "splats"))
+        splats_stage.run(*needed, splats_stage.SplatsOptions(**SPLATS | changes), **paths)
+        return folder
+
+    return make
 
 
-def run(
-    folder: Path,
-    name: str = "language.zarr",
-    masks: bool = True,
-    survey: Path | None = None,
-    **changes: object,
-):
+def run(folder: Path, name: str = "language.zarr", masks: bool = True, survey=None, **changes: object):
     """The verified artifact."""
     inputs = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "splats")]
     learnt = {f"{kind}_path": folder / f"{kind}.zarr" for kind in ("instances", "features")}
@@ -46,27 +48,19 @@ def run(
     return verify(folder / name, SCHEMAS)
 
 
-def test_artifact_holds_the_expected_facts_and_inputs(scene):
-    folder = scene()
-    train(folder, masking="refined")
-    found = run(folder)
-    assert found.origin == "synthetic" and set(found.provenance["inputs"]) == {
-        f"{name}.zarr" for name in ("frames", "poses", "instances", "features", "splats", "masks")
-    }
+def test_artifact_holds_the_expected_facts_and_inputs(trained):
+    found = run(trained(masking="refined"))
+    inputs = {f"{name}.zarr" for name in ("frames", "poses", "instances", "features", "splats", "masks")}
+    assert found.origin == "synthetic" and set(found.provenance["inputs"]) == inputs
     assert found.provenance["code"] == code_of("language", "lifted")
-    assert found.facts == {
-        "levels": ["part", "whole"],
-        "method": "lifted",
-        "decoded": "gaussians",
-        "views": 4,
-        "stands_in": [GEOMETRY],
-    }
+    facts = {"levels": ["part", "whole"], "method": "lifted", "decoded": "gaussians", "views": 4}
+    assert found.facts == facts | {"stands_in": [GEOMETRY]}
     assert found.shape("code")[1:] == (2, 3) and found.shape("curve/loss") == (0,)
     assert not found.read("code")[found.read("share") == 0].any()
 
 
 @pytest.mark.parametrize("language", ["after", "joint"])
-def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatch, language):
+def test_codes_are_lifted_with_the_poses_that_training_refined(trained, monkeypatch, language):
     """Protects the poses behind codes, and corrections in joint training."""
     used = {}
 
@@ -79,8 +73,7 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
 
     monkeypatch.setattr(dominant, "METHOD", Method(watched(dominant.lift_instances)))
     monkeypatch.setattr(joint, "lift", watched(joint.lift))
-    folder = scene()
-    train(folder, refine_poses="on", compensate_exposure="on", language=language)
+    folder = trained(refine_poses="on", compensate_exposure="on", language=language)
     run(folder)
     views, splats = used["views"], verify(folder / "splats.zarr", SCHEMAS)
     refined = splats.read("corrections/camera_to_world")
@@ -88,30 +81,26 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(scene, monkeypatc
     assert np.linalg.norm(splats.read("corrections/shift")[views.frame], axis=1).min() > 0.0
 
 
-@pytest.mark.parametrize(
-    "segmenter, method, told",
-    [
+def test_what_found_the_masks_is_told(trained):
+    folder = trained()
+    classical = "a classical segmenter"
+    for segmenter, method, told in (
         ("sam2", "center", "SAM2 in place of SAM"),
-        ("classical", "center", "a classical segmenter in place of SAM"),
-        ("classical", "projected", "a classical segmenter + OpenCLIP features in place of OpenSeg"),
-    ],
-)
-def test_what_found_the_masks_is_told(scene, segmenter, method, told):
-    folder = scene()
-    train(folder)
-    found = run(folder, method=method, segmenter=segmenter)
-    assert found.facts["stands_in"] == [told, GEOMETRY]
+        ("classical", "center", f"{classical} in place of SAM"),
+        ("classical", "projected", f"{classical} + OpenCLIP features in place of OpenSeg"),
+    ):
+        found = run(folder, method=method, segmenter=segmenter)
+        assert found.facts["stands_in"] == [told, GEOMETRY]
 
 
-def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_with_it(scene, monkeypatch):
+def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_decode_the_scene(trained, monkeypatch):
     own = Decoder((3, 4), np.arange(16, dtype=np.float32), ("none",), unit_input=True)
 
     def learned(views, targets, options, checkpoint):
         plain = dominant.lift_instances(views, targets)
         return Coded(plain.code, plain.share, plain.levels, own, stands_in=("sand in place of water",))
 
-    folder = scene()
-    train(folder)
+    folder = trained()
     features = verify(folder / "features.zarr", SCHEMAS)
     without = run(folder)
     monkeypatch.setattr(dominant, "METHOD", Method(learned))
@@ -124,32 +113,24 @@ def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_the_scene_decodes_w
     assert shared.widths == tuple(features.facts["decoder"]["widths"]) != own.widths
 
 
-def test_frames_left_out_by_the_survey_are_not_used(scene, survey_that_keeps):
-    folder = scene()
-    train(folder)
+def test_frames_left_out_by_the_survey_are_not_used(trained, survey_that_keeps):
+    folder = trained()
     found = run(folder, survey=survey_that_keeps(folder, [0, 1]))
     assert found.facts["views"] < run(folder, "all.zarr").facts["views"] == 4
     assert "kept_frames" in found.provenance["options"]
 
 
-CLUSTERED = pytest.param(
-    "clustered", marks=pytest.mark.skipif(not find_spec("sklearn"), reason="scikit-learn is absent")
-)
-
-
 @pytest.mark.parametrize("method", ["lifted", "trained", "projected", "center", CLUSTERED])
-def test_equal_runs_are_equal_and_leave_no_other_files(scene, method):
-    folder = scene()
-    train(folder)
+def test_equal_runs_are_equal_and_leave_no_other_files(trained, method):
+    folder = trained()
     before = {path.name for path in folder.iterdir()}
     assert run(folder, method=method).digest == run(folder, "again.zarr", method=method).digest
     assert {path.name for path in folder.iterdir()} - before == {"language.zarr", "again.zarr"}
 
 
-def test_joint_codes_are_rendered_in_queries_as_they_were_in_training(scene):
+def test_joint_codes_are_rendered_in_queries_as_they_were_in_training(trained):
     """language.normalize_codes does not apply: codes of another norm would be composited with other weights."""
-    folder = scene()
-    train(folder, language="joint")
+    folder = trained(language="joint")
     stored = verify(folder / "splats.zarr", SCHEMAS).read("features")
     found = run(folder, "unit.zarr", normalize_codes=True)
     taught = found.read("share") > 0
@@ -160,9 +141,8 @@ def test_joint_codes_are_rendered_in_queries_as_they_were_in_training(scene):
     assert (abs(norms[norms > 0] - 1) > 1e-3).any()
 
 
-def test_joint_codes_of_other_features_are_rejected(scene):
-    folder = scene()
-    train(folder, language="joint")
+def test_joint_codes_of_other_features_are_rejected(scene, trained):
+    folder = trained(language="joint")
     splats = (folder / "splats.zarr").rename(folder / "kept")
     for path in folder.glob("*.zarr"):
         shutil.rmtree(path)
@@ -172,23 +152,16 @@ def test_joint_codes_of_other_features_are_rejected(scene):
         run(folder)
 
 
-def test_missing_masks_are_reported(scene):
-    folder = scene()
-    train(folder, masking="refined")
+def test_masks_are_those_of_the_splats_and_must_be_there(trained):
     with pytest.raises(UserError, match="--masks"):
-        run(folder, masks=False)
+        run(trained(masking="refined"), masks=False)
 
 
-def test_the_transient_network_alone_can_mask(scene):
-    folder = scene()
-    train(folder, masking="initial")
-    assert "transient.zarr" in run(folder).provenance["inputs"]
+def test_the_transient_network_alone_can_mask(trained):
+    assert "transient.zarr" in run(trained(masking="initial")).provenance["inputs"]
 
 
 def test_joint_training_needs_segments_and_features(scene):
-    folder = scene()
+    paths = (scene() / f"{name}.zarr" for name in ("frames", "poses", "s"))
     with pytest.raises(UserError, match="--instances.*--features"):
-        splats_stage.run(
-            *(folder / f"{name}.zarr" for name in ("frames", "poses", "s")),
-            splats_stage.SplatsOptions(**SPLATS | {"language": "joint"}),
-        )
+        splats_stage.run(*paths, splats_stage.SplatsOptions(**SPLATS | {"language": "joint"}))
