@@ -3,10 +3,10 @@
 import pytest
 
 from tests.support.pretended_gpu import pretended_gpu
-from tests.unit.language.conftest import camera_to_world, labels, scene, settings, wall
+from tests.unit.language.conftest import camera_to_world, labels, scene, wall
 from tests.unit.segments.conftest import sam2
 
-__all__ = ["camera_to_world", "labels", "sam2", "scene", "settings", "wall"]
+__all__ = ["camera_to_world", "labels", "sam2", "scene", "wall"]
 
 
 @pytest.fixture

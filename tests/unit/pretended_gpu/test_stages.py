@@ -17,14 +17,14 @@ from egosplat.instances import geometry
 from egosplat.language import stage as language
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.tracker import Tracker
-from egosplat.segments.video import Video
 from egosplat.splats import stage as splats
 from egosplat.transient import stage as transient
 from egosplat_rivals import loop
 from tests.support.pretended_gpu import DEVICE, PretendedGpu
 from tests.unit.instances.conftest import masks_of_wall
 from tests.unit.instances.test_stage import run as merge
-from tests.unit.segments.test_tracker import EVERYWHERE, FRAMES, OPTIONS
+from tests.unit.segments.conftest import video_of
+from tests.unit.segments.test_tracker import FRAMES, OPTIONS
 
 CAMERA = {"refine_poses": "off", "compensate_exposure": "off"}
 SPLATS = CAMERA | {
@@ -177,11 +177,7 @@ def test_segments(sam2, gpu, monkeypatch):
     rng = np.random.default_rng(0)
     images = np.repeat(np.repeat(rng.integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8), 8, 1), 8, 2)
     predictor = sam2.video_predictor.to(DEVICE)
-    tracker = Tracker(
-        Sam2(predictor, Compute(DEVICE, torch.float32)),
-        Video(FRAMES, images.__getitem__, lambda _: EVERYWHERE),
-        OPTIONS,
-    )
+    tracker = Tracker(Sam2(predictor, Compute(DEVICE, torch.float32)), video_of(images), OPTIONS)
     calls = counted(gpu, monkeypatch, tracker, "_forwards")
     assert len(tracker.run().labels) == FRAMES
     # A frame with prompts waits for each mask; the last one has none.

@@ -15,38 +15,18 @@ from egosplat.errors import UserError
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments import stage
 from egosplat.segments.moving import add_tracks, track_moving
-from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
+from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
-from egosplat.segments.video import LabelMaps, Segmented, Track, Video
+from egosplat.segments.video import LabelMaps, Segmented, Track
 from tests.support.scenes import put
+from tests.unit.segments.conftest import FRAMES, HEIGHT, OPTIONS, VALID, WIDTH, video_of
 
-OPTIONS = SegmentsOptions(
-    points_per_side=4,
-    min_area=0.001,
-    key_frame_stride=2,
-    merge_iou=0.9,
-    min_frames=1,
-    max_instances=3,
-    lost_track_stride=2,
-)
-FRAMES, HEIGHT, WIDTH = 5, 40, 56
-VALID = np.ones((HEIGHT, WIDTH), bool)
+OPTIONS = OPTIONS.change(key_frame_stride=2, max_instances=3, lost_track_stride=2)
 TRAINING = np.array([0, 1, 3, 4])
 PROMPTED = [0, 3]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def all_masks():
-    """No mask is dropped for its quality."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0))
-        yield
-
-
-@pytest.fixture(scope="module")
-def images():
-    coarse = np.random.default_rng(0).integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8)
-    return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
+pytestmark = pytest.mark.usefixtures("all_masks")
 
 
 def probability(*frames: int) -> np.ndarray:
@@ -56,20 +36,14 @@ def probability(*frames: int) -> np.ndarray:
     return found
 
 
-def tracked(sam2, images, moves, options=OPTIONS, asked=None, shown=VALID) -> Segmented:
+def tracked(sam2, images, moves, asked=None, shown=VALID) -> Segmented:
     """What moves in the video, and, in ``asked``, the frames that are read."""
-
-    def read(frame: int) -> np.ndarray:
-        if asked is not None:
-            asked.append(frame)
-        return images[frame]
-
-    return track_moving(sam2, Video(FRAMES, read, lambda _: shown), options, moves.__getitem__, TRAINING)
+    video = video_of(images, asked, lambda _: shown)
+    return track_moving(sam2, video, OPTIONS, moves.__getitem__, TRAINING)
 
 
 def tracker(sam2, images, moves, options=OPTIONS) -> Tracker:
-    video = Video(FRAMES, images.__getitem__, lambda _: VALID)
-    return Tracker(sam2, video, options, moves.astype(np.float32).__getitem__, PROMPTED)
+    return Tracker(sam2, video_of(images), options, moves.astype(np.float32).__getitem__, PROMPTED)
 
 
 def labeled(found: Segmented) -> list[bool]:
@@ -106,14 +80,8 @@ def test_tracks_start_where_something_moves_and_go_both_ways(sam2, images):
 
 def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
     """The mask of a frame in which it rests is neither labeled nor remembered."""
-    options = OPTIONS.change(lost_track_stride=1)
-    assert labeled(tracker(sam2, images, probability(0, 1, 3, 4), options).run()) == [
-        True,
-        True,
-        False,
-        True,
-        True,
-    ]
+    found = tracker(sam2, images, probability(0, 1, 3, 4), OPTIONS.change(lost_track_stride=1)).run()
+    assert labeled(found) == [True, True, False, True, True]
 
 
 @pytest.mark.parametrize(("elsewhere", "kept"), [(0.72, True), (0.6, False)])
@@ -154,14 +122,7 @@ def test_few_moving_pixels_are_searched(sam2, images):
 
 def both(sam2, images, moves, folder, asked, reads=None) -> Segmented:
     """Masks of single frames, and tracks of what moves; killed after a number of ``reads``."""
-
-    def read(frame: int) -> np.ndarray:
-        if len(asked) == reads:
-            raise KeyboardInterrupt
-        asked.append(frame)
-        return images[frame]
-
-    video = Video(FRAMES, read, lambda _: VALID)
+    video = video_of(images, asked, reads=reads)
     transient = SimpleNamespace(row=lambda _, frame: moves[frame])
     output, made = folder / "segments.zarr", begin("segments", {}, "real")
     with pytest.MonkeyPatch.context() as patch:
@@ -213,13 +174,8 @@ def test_tracks_win_over_masks_and_masks_of_the_same_thing_go():
     # Most of mask 0 is of the track and goes; a third of mask 1 and half of mask 2 are, and the rest stays.
     assert found.labels[0][:, 0].tolist() == [[-1, -1, -1, -1, 1, 1], [2, 3, 3, 3, 2, 2]]
     assert found.labels[1][:, 0].tolist() == [nothing, [-1, -1, -1, -1, 3, 3]]
-    assert [(one.level, one.moving) for one in found.instances] == [
-        (0, False),
-        (0, False),
-        (1, False),
-        (1, True),
-    ]
-    assert found.prompted == [0]
+    expected = [(0, False), (0, False), (1, False), (1, True)]
+    assert [(one.level, one.moving) for one in found.instances] == expected and found.prompted == [0]
 
 
 SIDE = 96
@@ -259,22 +215,15 @@ def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_pa
 def test_jobs_of_chunks_give_the_same_artifact(scene, tmp_path, monkeypatch):
     """They need not know what moves; the job that gathers their masks tracks it."""
     monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 3)
-    options = SegmentsOptions(
-        key_frame_stride=2,
-        threshold=0.6,
-        min_frames=2,
-        points_per_side=4,
-        crops_per_side=1,
-        track_moving="always",
-    )
+    keys = {"key_frame_stride": 2, "threshold": 0.6, "min_frames": 2, "points_per_side": 4}
+    options = SegmentsOptions(**keys, crops_per_side=1, track_moving="always")
     stage.run(scene[0], tmp_path / "segments.zarr", options, transient_path=scene[1])
     files = [tmp_path / f"segments.{number}.chunk" for number in (1, 2)]
     for number, file in enumerate(files, 1):
         stage.run(scene[0], file, options, chunk=number)
     stage.run(scene[0], tmp_path / "gathered.zarr", options, transient_path=scene[1], gather=files)
-    whole, gathered = (
-        open_artifact(tmp_path / f"{name}.zarr", SEGMENTS) for name in ("segments", "gathered")
-    )
+    whole = open_artifact(tmp_path / "segments.zarr", SEGMENTS)
+    gathered = open_artifact(tmp_path / "gathered.zarr", SEGMENTS)
     assert gathered.digest == whole.digest and gathered.facts == whole.facts
     assert gathered.provenance["inputs"] == whole.provenance["inputs"] and whole.facts["key_frames"] == [0, 2]
     with pytest.raises(UserError, match=r"segments\.prompting"):

@@ -80,56 +80,53 @@ def test_memory_does_not_grow(sam2, video):
     assert len(held) == model.num_maskmem - 1 and len(group.recent) == model.max_obj_ptrs_in_encoder
 
 
-def test_lost_objects_are_searched_only_every_stride_frames(sam2, video, monkeypatch):
+@pytest.fixture
+def steps(sam2, video, monkeypatch):
+    """``steps(visible, last, **changes)``: what is searched in frames 1 to ``last``, what is seen, and whether tracking ended.
+
+    Two objects are tracked, of which ``visible(object, frame)`` says whether they can be found.
+    """
+
+    def run(visible, last: int, **changes):
+        searched: dict[int, list[int]] = {}
+        seen: dict[int, list[bool]] = {}
+
+        def track(self, frame, group, chosen, reverse):
+            searched[frame] = chosen
+            found = torch.tensor([10.0 if visible(each, frame) else -10.0 for each in chosen])
+            memory = {name: values[chosen] for name, values in group.begun.items()}
+            return found[:, None, None].expand(-1, 64, 64), memory
+
+        monkeypatch.setattr(Propagator, "_track", track)
+        with sam2.compute.inference():
+            encoded = encode(sam2, video[0])
+            propagator = Propagator(sam2, lambda _: encoded, 20, **changes)
+            group = propagator.begin(0, [0, 1], logits())
+            for frame in range(1, last + 1):
+                found = propagator.step(frame, group, reverse=False)
+                seen[frame] = [bool((each > 0).any()) for each in found]
+        assert propagator.ended(group) == (not group.recent)
+        return searched, seen, propagator.ended(group)
+
+    return run
+
+
+def test_lost_objects_are_searched_only_every_stride_frames(steps):
     """Object 1 is lost after frame 2 and visible again from frame 5: it is found in the next searched frame."""
-    searched: dict[int, list[int]] = {}
-
-    def track(self, frame, group, chosen, reverse):
-        searched[frame] = chosen
-        logits = torch.full((len(chosen), 64, 64), 10.0)
-        for row, place in enumerate(chosen):
-            if place == 1 and 2 < frame < 5:
-                logits[row] = -10.0
-        return logits, {name: values[chosen] for name, values in group.begun.items()}
-
-    monkeypatch.setattr(Propagator, "_track", track)
-    with sam2.compute.inference():
-        encoded = encode(sam2, video[0])
-        propagator = Propagator(sam2, lambda _: encoded, 12, lost_track_stride=2)
-        group = propagator.begin(0, [0, 1], logits())
-        seen = {}
-        for frame in range(1, 8):
-            found = propagator.step(frame, group, reverse=False)
-            seen[frame] = [bool((each > 0).any()) for each in found]
+    searched, seen, _ = steps(lambda each, frame: each == 0 or not 2 < frame < 5, 7, lost_track_stride=2)
     assert searched[3] == [0, 1] and searched[4] == [0, 1], "it is searched for two frames after it is lost"
     assert searched[5] == [0] and searched[6] == [0, 1], "then every second frame"
     assert seen[5] == [True, False] and seen[6] == [True, True], "it is found in the first searched frame"
     assert searched[7] == [0, 1]
 
 
-def test_lost_objects_end_when_the_memory_does(sam2, video, monkeypatch):
+@pytest.mark.parametrize(("ends", "frames"), [(True, [1, 2, 3, 6]), (False, [1, 2, 3, 6, 9, 10, 11])])
+def test_lost_objects_end_when_the_memory_does(steps, sam2, ends, frames):
     """An object that is lost from frame 1 on and visible again from frame 9 is found only if its track has no end."""
-    asked: dict[bool, list[int]] = {}
-
-    def track(self, frame, group, chosen, reverse):
-        asked[self._patience < self._frames].append(frame)
-        found = torch.full((len(chosen), 64, 64), 10.0 if frame >= 9 else -10.0)
-        return found, {name: values[chosen] for name, values in group.begun.items()}
-
-    monkeypatch.setattr(Propagator, "_track", track)
     assert sam2.video_predictor.max_obj_ptrs_in_encoder == 8
-    with sam2.compute.inference():
-        encoded = encode(sam2, video[0])
-        for ends in (False, True):
-            asked[ends] = []
-            propagator = Propagator(sam2, lambda _: encoded, 20, lost_track_stride=3, lost_tracks_end=ends)
-            group = propagator.begin(0, [0, 1], logits())
-            for frame in range(1, 12):
-                found = propagator.step(frame, group, reverse=False)
-            assert bool((found > 0).any()) == (not ends)
-            assert propagator.ended(group) == ends == (not group.recent)
-    assert asked[True] == [1, 2, 3, 6]
-    assert asked[False] == [*asked[True], 9, 10, 11]
+    changes = {"lost_track_stride": 3, "lost_tracks_end": ends}
+    searched, seen, ended = steps(lambda each, frame: frame >= 9, 11, **changes)
+    assert [*searched] == frames and any(seen[11]) != ends and ended == ends
 
 
 def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):

@@ -11,51 +11,26 @@ from egosplat.segments import prompts as prompting
 from egosplat.segments import tracker as tracking
 from egosplat.segments import video as video_module
 from egosplat.segments.masks import intersections
-from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter, SegmentsOptions
+from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter
 from egosplat.segments.prompts import grid_points, prompt
 from egosplat.segments.propagation import Group
 from egosplat.segments.tracker import Tracker
-from egosplat.segments.video import Video
+from tests.unit.segments.conftest import HEIGHT, OPTIONS, VALID, WIDTH, video_of
 
-OPTIONS = SegmentsOptions(
-    points_per_side=4,
-    min_frames=1,
-    max_instances=6,
-    merge_iou=0.9,
-    min_area=0.001,
-    prompting="initial_frame",
-    lost_track_stride=1,
-)
-FRAMES, HEIGHT, WIDTH = 4, 40, 56
-EVERYWHERE = np.ones((HEIGHT, WIDTH), bool)
-
-
-EVERY_MASK = MaskFilter(0.0, 0.0, 0.1, 0.0, nms_inner_thresh=0.0)
-
-
-@pytest.fixture(autouse=True)
-def all_masks(monkeypatch):
-    """No mask is dropped for its quality."""
-    monkeypatch.setitem(MASK_FILTERS, "auto", EVERY_MASK)
+OPTIONS = OPTIONS.change(max_instances=6, prompting="initial_frame", lost_track_stride=1)
+FRAMES = 4
+pytestmark = pytest.mark.usefixtures("all_masks")
 
 
 @pytest.fixture(scope="module")
-def images():
-    rng = np.random.default_rng(0)
-    coarse = rng.integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8)
-    return np.repeat(np.repeat(coarse, 8, 1), 8, 2)
+def images(images):
+    return images[:FRAMES]
 
 
 def tracked(sam2, images, options=OPTIONS, shown=None, prompted=(0, 2)):
     """What a run finds, and the frames that it reads."""
     asked: list[int] = []
-
-    def read(frame: int) -> np.ndarray:
-        asked.append(frame)
-        return images[frame]
-
-    shown = np.ones((FRAMES, HEIGHT, WIDTH), bool) if shown is None else shown
-    video = Video(len(images), read, shown.__getitem__)
+    video = video_of(images, asked, (lambda _: VALID) if shown is None else shown.__getitem__)
     return Tracker(sam2, video, options, prompted=prompted).run(), asked
 
 
@@ -82,16 +57,13 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
             numbers = np.unique(labels[labels >= 0])
             assert len(numbers) and {segmented.instances[number].level for number in numbers} == {level}
     assert {one.first_frame for one in segmented.instances} <= {0, 2} and segmented.prompted[0] == 0
-
-
-def test_the_first_frame_alone_is_prompted(sam2, images):
     segmented, asked = tracked(sam2, images, prompted=[0])
     assert {one.first_frame for one in segmented.instances} == {0} and segmented.prompted == [0]
     assert asked == list(range(FRAMES)), "nothing is tracked backwards"
 
 
 def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, monkeypatch):
-    tracker = Tracker(sam2, Video(FRAMES, images.__getitem__, lambda _: EVERYWHERE), OPTIONS)
+    tracker = Tracker(sam2, video_of(images), OPTIONS)
     groups = [Group(ids, 0, torch.zeros(1), {}, torch.zeros(len(ids))) for ids in ([0, 7], [3])]
     left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
     left[:, :4], right[:, 4:] = True, True

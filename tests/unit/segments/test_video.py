@@ -59,19 +59,15 @@ def test_pairs_within_a_set_are_not_counted_between_two_sets():
         # Transitive: 0 and 3 by way of 2.
         ([[0, 1], [2, 1], [3, 1]], [(0, 2), (2, 3)], [0, 1, 0, 0, -1], [0, 1], 2),
         ([[-1, -1]], [], [-1] * 5, [], 0),
+        ([[-1, -1]], [], [-1], [], 0),
     ],
 )
 def test_duplicates_are_merged_and_briefly_seen_instances_dropped(frames, same, table, kept, merged):
     labels = LabelMaps((len(frames), 1, 1, 2))
     for number, row in enumerate(frames):
         labels[number] = np.array([[row]], np.int32)
-    found = finalize_instances(Segmented(labels, [Track(0, 0, 1.0, 1.0)] * 4, same, []), 3)
+    found = finalize_instances(Segmented(labels, [Track(0, 0, 1.0, 1.0)] * (len(table) - 1), same, []), 3)
     assert [found[0].tolist(), found[1].tolist(), found[2]] == [table, kept, merged]
-
-
-def test_a_video_without_instances_keeps_none():
-    table, kept, merged = finalize_instances(Segmented(LabelMaps((1, 1, 1, 2)), [], [], []), 3)
-    assert (table.tolist(), kept.tolist(), merged) == ([-1], [], 0)
 
 
 def test_label_maps_are_restored_unchanged():
