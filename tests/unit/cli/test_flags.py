@@ -26,35 +26,27 @@ def test_a_word_wins_over_the_values_of_the_rule():
     found = splats("iterations=500", "run.seed=3", "camera.refine_poses=off", iterations=7, sh_degree=1)
     assert (found.iterations, found.seed, found.refine_poses, found.sh_degree) == (500, 3, "off", 1)
     assert splats() == SplatsOptions()
-
-
-def test_the_values_of_the_rule_are_the_options():
-    """The JSON of a rule gives back what was written."""
     given = SplatsOptions(prune_screen_px=20.0, masking="none").as_dict()
     assert splats(**json.loads(json.dumps(given, sort_keys=True))).as_dict() == given
 
 
 @pytest.mark.parametrize(
-    "pairs, message",
+    "given, pairs, message",
     [
-        (["iteratons=5"], "'iteratons'.*'iterations'"),
-        (["iterations=big"], "splats.iterations = 'big'.*whole number"),
-        (["seed=-1"], "run.seed = -1.*at least 0"),
-        (["masking=nones"], "splats.masking = 'nones'.*'none'"),
-        (["ssim_lambda=.nan"], "splats.ssim_lambda = nan"),
-        (["iterations"], "iterations"),
-        (["iterations=["], "cannot be read"),
+        ({}, ["iteratons=5"], "--set.*'iteratons'.*'iterations'"),
+        ({}, ["iterations=big"], "--set.*splats.iterations = 'big'.*whole number"),
+        ({}, ["seed=-1"], "--set.*run.seed = -1.*at least 0"),
+        ({}, ["masking=nones"], "--set.*splats.masking = 'nones'.*'none'"),
+        ({}, ["ssim_lambda=.nan"], "--set.*splats.ssim_lambda = nan"),
+        ({}, ["iterations"], "--set.*iterations"),
+        ({}, ["iterations=["], "--set.*cannot be read"),
+        ([1], [], "--options"),
     ],
 )
-def test_a_wrong_word_is_named(pairs, message):
-    with pytest.raises(UserError, match=f"--set.*{message}") as caught:
-        splats(*pairs)
+def test_a_wrong_word_and_options_that_are_no_object_are_named(given, pairs, message):
+    with pytest.raises(UserError, match=message) as caught:
+        read_options(SplatsOptions, "splats", given, pairs)
     assert "\n" not in str(caught.value)
-
-
-def test_options_that_are_no_object_are_refused():
-    with pytest.raises(UserError, match="--options"):
-        read_options(SplatsOptions, "splats", [1], [])
 
 
 @pytest.mark.parametrize("stage", WITH_KEYS)
@@ -62,9 +54,7 @@ def test_help_lists_the_keys_but_readings_of_the_paper(stage):
     keys = keys_of(stage_options(stage))
     shown = CliRunner().invoke(cli, [stage.replace("_", "-"), "--help"]).output
     found = {line.split()[0] for line in shown.partition("Keys:")[2].splitlines() if line.strip()}
-    assert {name for name in keys if name in found} == {
-        name for name, key in keys.items() if not key.get("reading")
-    }
+    assert {*keys} & found == {name for name, key in keys.items() if not key.get("reading")}
 
 
 @pytest.mark.parametrize("name", ["stdin", "stdout", "stderr"])

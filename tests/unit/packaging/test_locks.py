@@ -23,24 +23,18 @@ RUNNING, TESTING = pins("requirements.lock"), pins("requirements-dev.lock")
 
 
 @pytest.mark.parametrize(
-    "ranges, found",
-    [
-        (ABOUT["dependencies"] + EXTRAS["aria"], RUNNING),
-        (ABOUT["dependencies"] + EXTRAS["dev"] + EXTRAS["export"] + EXTRAS["clusters"], TESTING),
-    ],
+    "extras, found", [(("aria",), RUNNING), (("dev", "export", "clusters"), TESTING)], ids=["run", "test"]
 )
-def test_the_pins_fit_the_ranges(ranges, found):
-    for wanted in map(Requirement, ranges):
+def test_the_pins_fit_the_ranges(extras, found):
+    for text in [*ABOUT["dependencies"], *(line for name in extras for line in EXTRAS[name])]:
+        wanted = Requirement(text)
         assert wanted.specifier.contains(found[canonicalize_name(wanted.name)]), wanted
 
 
-def test_tests_run_with_the_libraries_of_a_run():
+def test_tests_run_with_the_libraries_of_a_run_which_needs_neither_viewers_nor_browsers():
     assert {**TESTING, **RUNNING} == {**RUNNING, **TESTING}
     assert set(RUNNING) - set(TESTING) == {"projectaria-tools"}
-
-
-def test_running_needs_neither_viewers_nor_browsers():
-    """projectaria-tools asks for the first four, tests for the last three."""
+    # projectaria-tools asks for the first four, tests for the last three.
     unwanted = {"rerun-sdk", "jupyterlab", "moviepy", "plotly", "playwright", "pytest", "gsplat"}
     assert not unwanted & set(RUNNING)
 

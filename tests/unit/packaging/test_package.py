@@ -22,11 +22,8 @@ TARGET = "results/adt/scene1/metrics.json"
 
 # In the repository, but no part of the distributions.
 LEFT_OUT = ("tests", "benchmarks", "training", "docs", "containers", "packaging")
-
-LIBRARIES = [
-    *(f"egosplat/rasterize/kernels/{variant.file}" for variant in VARIANTS),
-    f"egosplat_apartments/rays/{LIBRARY}",
-]
+LIBRARIES = [f"egosplat/rasterize/kernels/{variant.file}" for variant in VARIANTS]
+LIBRARIES += [f"egosplat_apartments/rays/{LIBRARY}"]
 
 
 def run(*words: str | Path, cwd: Path, path: str = "") -> subprocess.CompletedProcess[str]:
@@ -86,10 +83,8 @@ class Installed:
     def __init__(self, folder: Path, wheel: Path) -> None:
         venv.create(folder)
         self.bin = folder / "bin"
-        site = ensure(
-            run(self.bin / "python", "-c", "import site; print(*site.getsitepackages())", cwd=folder)
-        )
-        self.site = Path(site.strip())
+        code = "import site; print(*site.getsitepackages())"
+        self.site = Path(ensure(run(self.bin / "python", "-c", code, cwd=folder)).strip())
         (self.site / "shared.pth").write_text(sysconfig.get_path("purelib"))
         (self.bin / "snakemake").write_text(f'#!/bin/sh\nexec {self.bin}/python -m snakemake "$@"\n')
         (self.bin / "snakemake").chmod(0o755)
@@ -116,9 +111,8 @@ def test_the_wheel_holds_the_package_and_the_workflow(wheel):
     """Nothing is forgotten, and no file of somebody's checkout is added."""
     names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {name.removeprefix("src/") for name in tracked("src")}
-    shipped = {
-        f"egosplat/shipped/{name}" for name in tracked("workflow", "config") if not name.endswith(".md")
-    }
+    copied = {name for name in tracked("workflow", "config") if not name.endswith(".md")}
+    shipped = {f"egosplat/shipped/{name}" for name in copied}
     compiled = {name for name in LIBRARIES if (ROOT / "src" / name).is_file()}
     assert names == package | shipped | compiled
     assert re.search(r"-py3-none-linux_\w+\.whl$", wheel.name)
@@ -149,19 +143,17 @@ def test_an_empty_folder_is_enough(installed, tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {".snakemake"}
 
 
-def test_the_remedy_for_missing_kernels_names_the_source_distribution(installed, sdist, tmp_path):
-    code = "from egosplat.pipeline.home import how_to_reinstall; print(how_to_reinstall())"
-    assert ensure(installed.call("python", "-c", code, cwd=tmp_path)).split()[-1] == sdist.name
+def test_doctor_finds_everything(installed, sdist, tmp_path):
+    """The configuration, the kernels, the small checkpoints and the table of scenes come with the package.
 
-
-def test_doctor_finds_everything(installed, tmp_path):
-    """The configuration, the kernels, the small checkpoints and the table of scenes come with the package."""
+    The remedy for missing kernels names the source distribution.
+    """
     report = ensure(installed.call("egosplat", "doctor", cwd=tmp_path))
-    assert f"{installed.site}/egosplat/shipped/config/config.yaml" in report.replace("\n", "").replace(
-        " ", ""
-    )
+    assert f"{installed.site}/egosplat/shipped/config/config.yaml" in "".join(report.split())
     if all((ROOT / "src" / name).is_file() for name in LIBRARIES):
         assert re.search(r"^ok +kernels", report, re.MULTILINE)
+    code = "from egosplat.pipeline.home import how_to_reinstall; print(how_to_reinstall())"
+    assert ensure(installed.call("python", "-c", code, cwd=tmp_path)).split()[-1] == sdist.name
 
 
 def test_the_folders_own_configuration_wins(installed, tmp_path):

@@ -40,15 +40,14 @@ def recording(tmp_path: Path) -> Callable[[str], Path]:
             (home / "mps/slam/closed_loop_trajectory.csv").touch()
             (home / "video.vrs").touch()
             return home / "video.vrs"
-        pictures = write_pictures(
-            home / ("images" if kind == "nerfstudio" else "in/side" if "nested" in kind else "")
-        )
+        below = "images" if kind == "nerfstudio" else "in/side" if "nested" in kind else ""
+        write_pictures(home / below)
         if kind == "nerfstudio":
             frames = [{"file_path": f"images/{number}.png"} for number in range(3)]
             (home / "transforms.json").write_text(json.dumps({"frames": frames}))
         if "zip" in kind:
             (home / "__MACOSX").mkdir()
             return pack(tmp_path / "photos.zip", home)
-        return home if pictures else pictures
+        return home
 
     return make

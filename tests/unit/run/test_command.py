@@ -26,11 +26,8 @@ ROOT = Path(__file__).resolve().parents[3]
     [
         ("a --words couch cup", "a --words couch --words cup"),
         ("a --words couch cup --open", "a --words couch --words cup --open"),
-        ("a --words couch --words cup --cores 2", "a --words couch --words cup --cores 2"),
-        ("a --words=couch --open", "a --words=couch --open"),
-        ("a --words --open", "a --words --open"),
-        ("a --words", "a --words"),
-        ("a", "a"),
+        *((same, same) for same in ("a --words couch --words cup --cores 2", "a --words=couch --open")),
+        *((same, same) for same in ("a --words --open", "a --words", "a")),
     ],
 )
 def test_words_are_all_up_to_the_next_option(given, meant):
@@ -75,15 +72,6 @@ def test_the_project_of_another_workflow_is_left_alone(calls, tmp_path, place):
     assert make_command(Path("results/mine/photos/scene.html")).startswith("snakemake --snakefile ")
 
 
-def test_what_to_ask_is_told(calls, tmp_path):
-    done = CliRunner().invoke(cli, ["run", str(tmp_path / "photos"), "--name", "home/hall"])
-    assert done.exit_code == 0, done.output
-    assert (
-        "egosplat query results/home/hall " in done.output
-        and "egosplat view results/home/hall" in done.output
-    )
-
-
 @pytest.mark.parametrize("pair", ["frames.stride", "frames.stride=2 frames.end_s=3"])
 def test_a_word_that_is_no_key_with_its_value_is_refused(calls, tmp_path, pair):
     with pytest.raises(UserError, match="--set frames.stride"):
@@ -91,11 +79,15 @@ def test_a_word_that_is_no_key_with_its_value_is_refused(calls, tmp_path, pair):
     assert not calls
 
 
-def test_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
+def test_what_to_ask_is_told_and_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
     shown = []
     monkeypatch.setattr("egosplat.viewing.command.run", lambda *given, **keys: shown.append((given[0], keys)))
-    assert CliRunner().invoke(cli, ["run", str(tmp_path / "photos"), "--open"]).exit_code == 0
-    assert shown == [(Path("results/mine/photos"), {"browse": True})]
+    run = ["run", str(tmp_path / "photos"), "--name", "home/hall"]
+    told = CliRunner().invoke(cli, run).output
+    assert "egosplat query results/home/hall " in told and "egosplat view results/home/hall" in told
+    assert not shown
+    assert CliRunner().invoke(cli, [*run, "--open"]).exit_code == 0
+    assert shown == [(Path("results/home/hall"), {"browse": True})]
 
 
 SNAKEMAKE = """

@@ -1,5 +1,6 @@
 """What is given to ``egosplat run`` is recognized, or refused with what is wrong."""
 
+import io
 import zipfile
 from pathlib import Path
 
@@ -41,52 +42,41 @@ def test_an_archive_is_unpacked_once_and_anew_if_it_changes(recording, tmp_path)
     assert not list((tmp_path / "r").glob(".*"))
 
 
-def damaged_archive(path: Path) -> Path:
-    path.write_bytes(b"PK not an archive")
-    return path
-
-
-def slipping_archive(path: Path, name: str = "../../evil.png") -> Path:
-    with zipfile.ZipFile(path, "w") as opened:
+def zipped(name: str) -> bytes:
+    with zipfile.ZipFile(archive := io.BytesIO(), "w") as opened:
         opened.writestr(name, b"x")
-    return path
-
-
-def text(path: Path) -> Path:
-    path.parent.mkdir(exist_ok=True)
-    path.write_text("no recording")
-    return path
-
-
-def empty(path: Path) -> Path:
-    path.mkdir(parents=True)
-    return path
+    return archive.getvalue()
 
 
 @pytest.mark.parametrize(
-    "make, said",
+    "given, file, content, said",
     [
-        (lambda here: here / "gone.mp4", "gone.mp4: does not exist"),
-        (lambda here: Path("https://example.org/clip.mp4"), "is a URL"),
-        (lambda here: empty(here / "photos"), "photos: has no png, jpg or jpeg image"),
-        (lambda here: text(here / "photos/a.heic").parent, "1 .heic"),
-        (lambda here: text(here / "videos/a.mov").parent, "give one of them, such as"),
-        (lambda here: write_pictures(write_pictures(here / "DCIM/100").parent / "101").parent, "100, 101; give one"),
-        (lambda here: text(here / "notes.txt"), "notes.txt: is no video"),
-        (lambda here: text(here / "clip.mp4"), "clip.mp4: not a video"),
-        (lambda here: text(here / "one.jpg"), "one.jpg: is one picture; give the folder"),
-        (lambda here: text(here / "photos/a.jpg").parent, "a.jpg: "),
-        (lambda here: text(here / "my.vrs"), "video.vrs or recording.vrs"),
-        (lambda here: text(here / "video.vrs"), "mps/slam/closed_loop_trajectory.csv: does not exist"),
-        (lambda here: damaged_archive(here / "a.zip"), "a.zip: cannot be unpacked"),
-        (lambda here: slipping_archive(here / "a.zip"), "evil.png: "),
-        (lambda here: slipping_archive(here / "a.zip", "notes.txt"), "has no png, jpg or jpeg image"),
+        ("gone.mp4", None, b"", "gone.mp4: does not exist"),
+        ("https://example.org/clip.mp4", None, b"", "is a URL"),
+        ("empty", None, b"", "empty: has no png, jpg or jpeg image"),
+        ("photos", "photos/a.heic", b"x", "1 .heic"),
+        ("videos", "videos/a.mov", b"x", "give one of them, such as"),
+        ("DCIM", "DCIM/100/0.png", b"x", "100, 101; give one"),
+        ("notes.txt", "notes.txt", b"no recording", "notes.txt: is no video"),
+        ("clip.mp4", "clip.mp4", b"no recording", "clip.mp4: not a video"),
+        ("one.jpg", "one.jpg", b"x", "one.jpg: is one picture; give the folder"),
+        ("photos", "photos/a.jpg", b"no picture", "a.jpg: "),
+        ("my.vrs", "my.vrs", b"x", "video.vrs or recording.vrs"),
+        ("video.vrs", "video.vrs", b"x", "mps/slam/closed_loop_trajectory.csv: does not exist"),
+        ("a.zip", "a.zip", b"PK not an archive", "a.zip: cannot be unpacked"),
+        ("a.zip", "a.zip", zipped("../../evil.png"), "evil.png: "),
+        ("a.zip", "a.zip", zipped("notes.txt"), "has no png, jpg or jpeg image"),
     ],
-    ids=lambda value: None if callable(value) else value[:24],
-)  # fmt: skip
-def test_what_is_no_recording_is_named(tmp_path, make, said):
+)
+def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, content, said):
+    monkeypatch.chdir(tmp_path)
+    Path("empty").mkdir()
+    write_pictures(Path("DCIM/101"))
+    if file:
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        Path(file).write_bytes(content)
     with pytest.raises(UserError) as caught:
-        read_source(make(tmp_path), tmp_path / "results/recording")
+        read_source(Path(given), Path("results/recording"))
     assert said in str(caught.value)
     assert all("recording-" in str(path) for path in tmp_path.rglob("evil.png")), "none outside"
 
@@ -94,11 +84,8 @@ def test_what_is_no_recording_is_named(tmp_path, make, said):
 @pytest.mark.parametrize(
     "given, name",
     [
-        ("kitchen.mp4", "kitchen"),
-        ("My Küche (1).mp4", "My_K_che_1"),
-        ("a.b.zip", "a_b"),
-        ("...", "scene"),
-        ("walk/video.vrs", "walk"),
+        *(("kitchen.mp4", "kitchen"), ("My Küche (1).mp4", "My_K_che_1"), ("a.b.zip", "a_b")),
+        *(("...", "scene"), ("walk/video.vrs", "walk")),
     ],
 )
 def test_a_scene_has_the_name_of_its_file(given, name):
