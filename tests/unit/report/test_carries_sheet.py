@@ -1,7 +1,6 @@
 """The page of carries draws each way, time and photograph with its number, and says so if there are none."""
 
 import re
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -19,29 +18,27 @@ FRAMES, HEIGHT, WIDTH = 150, 60, 80
 SECOND = 2
 
 
-def put_carries(folder, first, last, chained=False):
+def put_carries(folder, first, last):
     """A scene with a carry for each first and last frame [s], along x, each a meter behind the one before."""
-    count = len(first)
-    rng = np.random.default_rng(count)
+    count, rng = len(first), np.random.default_rng(len(first))
     cameras = np.tile(np.eye(4), (FRAMES, 1, 1))
     cameras[:, :3, 3] = 1.6 * UP
-    starts = np.stack([np.zeros(count), np.zeros(count), np.arange(count)], axis=1)
+    starts = np.arange(count)[:, None] * [0, 0, 1.0]
     gray = np.arange(FRAMES, dtype=np.uint8)
+    frames = {"first": np.array(first), "last": np.array(last), "best": np.array(first) + 1}
     arrays = {
         "rgb": np.broadcast_to(gray[:, None, None, None], (FRAMES, HEIGHT, WIDTH, 3)),
         "timestamp_ns": np.arange(FRAMES) * (10**9 // SECOND),
         "camera_to_world": cameras,
         "means": rng.uniform([-4, -2.5, -4], [4, 0, 4], (500, 3)).astype(np.float32),
-        "carries/first_frame": (SECOND * np.array(first)).astype(np.int64),
-        "carries/last_frame": (SECOND * np.array(last)).astype(np.int64),
         "carries/start": starts,
         "carries/end": starts + [2.0, -0.5, 0.0],
+        **{f"carries/{name}_frame": (SECOND * when).astype(np.int64) for name, when in frames.items()},
         **{f"carries/{name}": np.full(count, -1, np.int32) for name in ("thing", "from_rest", "to_rest")},
-        "carries/best_frame": (SECOND * (np.array(first) + 1)).astype(np.int64),
         "carries/box": np.tile(np.int32([30, 20, 40, 28]), (count, 1)),
     }
     facts = {"notes": {}, "tracks": 7, "views": {"training": 1}}
-    return put_scene(folder, NAMES, arrays, facts, chained=chained, origin="real")
+    return put_scene(folder, NAMES, arrays, facts, origin="real")
 
 
 @pytest.fixture
@@ -50,7 +47,7 @@ def page(tmp_path, draw, drawn):
 
     def make(first, last):
         draw("carries_sheet", put_carries(tmp_path, first, last), "mine/kitchen")
-        return drawn[0]
+        return drawn[-1]
 
     return make
 
@@ -80,28 +77,22 @@ def test_photographs_show_the_longest_first_in_the_frames_that_show_most(page, u
     figure = page(first, last)
     titles = [axes.get_title() for axes in figure.get_axes()[2:]]
     assert len(titles) == PICTURES == 2 * COLUMNS and titles[0] == "5: 0:12 to 0:52"
-    parts = [re.fullmatch(r"(\d+): (\d):(\d\d) to (\d):(\d\d)", title).groups() for title in titles]
-    numbers = [int(part[0]) for part in parts]
+    numbers = [int(re.fullmatch(r"(\d+): \d:\d\d to \d:\d\d", title)[1]) for title in titles]
     lengths = [last[number - 1] - first[number - 1] for number in numbers]
-    assert all(left >= right for left, right in pairwise(lengths))
+    assert lengths == sorted(lengths, reverse=True)
     assert "2 shorter ones" in figure.subfigs[1].texts[0].get_text()
     cell = figure.get_axes()[2]
-    assert (cell.images[0].get_array() == 13 * SECOND).all()
-    (box,) = cell.patches
-    assert (box.get_width(), box.get_height()) == (10, 8)
+    picture, (box,) = cell.images[0].get_array(), cell.patches
     # A square of the least side around the box.
-    assert cell.images[0].get_array().shape[:2] == (48, 48)
+    assert (picture == 13 * SECOND).all() and picture.shape[:2] == (48, 48)
+    assert (box.get_width(), box.get_height()) == (10, 8)
     assert (box.get_x(), box.get_y()) == (30 - (70 - 48) // 2 - 0.5, 20 - 0 - 0.5)
     assert unreadable(figure) == []
 
 
-def test_the_title_counts_carries_and_tells_the_origin(page):
-    figure = page([3], [8])
-    title = figure.get_suptitle().partition("\n")[0]
+def test_the_title_counts_carries_and_a_scene_without_any_is_shown(page):
+    title = page([3], [8]).get_suptitle().partition("\n")[0]
     assert title.startswith("mine/kitchen: 1 carry ") and title.endswith("origin real")
-
-
-def test_a_scene_without_carries_says_so_and_shows_the_scene(page):
     figure = page([], [])
     assert "nothing is carried" in figure.get_suptitle() and "origin real" in figure.get_suptitle()
     (above,) = figure.get_axes()

@@ -6,69 +6,47 @@ import pytest
 from egosplat.drawing import ground_axes
 from egosplat.geometry import Camera
 from egosplat.report.sheets.sheet import palette, tint
-from tests.support.scenes import camera_facts, put
+from tests.support.scenes import camera_facts, put_scene
 
 HEIGHT, WIDTH = 24, 24
 
 
 def scene(folder, frames: int, evaluation: int, points: int, instances: int, registered: int):
-    rng = np.random.default_rng(0)
-    put(
-        folder,
-        "frames",
-        {
-            "rgb": rng.integers(0, 255, (frames, HEIGHT, WIDTH, 3), dtype=np.uint8),
-            "train": np.arange(frames) >= evaluation,
-        },
-        camera_facts(Camera(WIDTH, HEIGHT, 20.0, 20.0, WIDTH / 2, HEIGHT / 2)),
-    )
-    put(
-        folder,
-        "annotations",
-        {
-            "frame": np.arange(evaluation),
-            "annotated": np.arange(evaluation) % 2 == 0,
-            "instance_map": rng.integers(-1, instances, (evaluation, HEIGHT, WIDTH), dtype=np.int32),
-        },
-        {"instances": [{"category": f"thing {i}"} for i in range(instances)]},
-    )
-    poses = np.tile(np.eye(4), (frames, 1, 1))
+    rng, poses = np.random.default_rng(0), np.tile(np.eye(4), (frames, 1, 1))
     poses[:, 0, 3] = np.arange(frames)
     poses[registered:] = np.nan
     arrays = {
+        "rgb": rng.integers(0, 255, (frames, HEIGHT, WIDTH, 3), dtype=np.uint8),
+        "train": np.arange(frames) >= evaluation,
+        "frame": np.arange(evaluation),
+        "annotated": np.arange(evaluation) % 2 == 0,
+        "instance_map": rng.integers(-1, instances, (evaluation, HEIGHT, WIDTH), dtype=np.int32),
         "camera_to_world": poses,
         "registered": np.arange(frames) < registered,
         "up": np.array([0.0, 1.0, 0.0]),
         "points/xyz": rng.normal(size=(points, 3)),
     }
-    put(folder, "poses", arrays, {"notes": {}})
-    return [folder / f"{name}.zarr" for name in ("frames", "annotations", "poses")]
+    facts = camera_facts(Camera(WIDTH, HEIGHT, 20.0, 20.0, WIDTH / 2, HEIGHT / 2))
+    facts["instances"] = [{"category": f"thing {i}"} for i in range(instances)]
+    return put_scene(folder, ("frames", "annotations", "poses"), arrays, facts)
 
 
-def test_a_page_of_portrait_pictures_is_readable(monkeypatch, tmp_path, draw, drawn, unreadable):
-    """Titles lay over one another."""
+def test_titles_over_portrait_pictures_do_not_overlap(monkeypatch, tmp_path, draw, drawn, unreadable):
     monkeypatch.setitem(globals(), "HEIGHT", 32)
     monkeypatch.setitem(globals(), "WIDTH", 18)
     draw("contact_sheet", scene(tmp_path, 20, 6, 50, 7, 20))
-    (figure,) = drawn
-    assert unreadable(figure) == []
+    assert unreadable(drawn[0]) == []
 
 
 @pytest.mark.parametrize(
-    "frames, evaluation, points, instances, registered",
-    [(20, 5, 500, 7, 20), (3, 1, 1, 1, 2), (2, 0, 0, 0, 1)],
-    ids=["usual", "few", "almost nothing"],
+    "counts", [(20, 5, 500, 7, 20), (3, 1, 1, 1, 2), (2, 0, 0, 0, 1)], ids=["usual", "few", "almost nothing"]
 )
-def test_the_page_is_written_as_one_picture(
-    tmp_path, draw, frames, evaluation, points, instances, registered
-):
-    picture = draw("contact_sheet", scene(tmp_path, frames, evaluation, points, instances, registered))
+def test_the_page_is_written_as_one_picture(tmp_path, draw, counts):
+    picture = draw("contact_sheet", scene(tmp_path, *counts))
     assert picture.shape[1] > 1000 and picture.std() > 10
 
 
-@pytest.mark.parametrize(
-    "up", [[0, 1, 0], [0, 0, 1], [1, 0, 0], [0.6, 0.8, 0], [0.577350269, 0.577350269, 0.577350269]]
-)
+@pytest.mark.parametrize("up", [[0, 1, 0], [0, 0, 1], [1, 0, 0], [0.6, 0.8, 0], [3**-0.5] * 3])
 def test_ground_axes_are_orthonormal_and_seen_from_above(up):
     right, ahead = ground_axes(np.asarray(up, float))
     frame = np.stack([right, ahead, up])

@@ -14,23 +14,17 @@ CAMERA = Camera(36, 24, 18.0, 18.0, 18.0, 12.0)
 OPTIONS = {"near_plane": 0.1, "antialiased": False, "background": "black"}
 
 
-def looking_around(count: int) -> np.ndarray:
-    """(count, 4, 4) camera_to_world, each a sixth of a turn after the one before."""
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, :3, :3] = Rotation.from_euler("y", 60 * np.arange(count)[:, None], degrees=True).as_matrix()
-    return poses
-
-
-def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
+def scene(folder, channels: int, share: float):
     """Green Gaussians all around; the first level has a meaning, the second has none."""
-    rng = np.random.default_rng(seed)
+    rng, count = np.random.default_rng(0), 60
     around = rng.normal(size=(count, 3)) * [1.0, 0.3, 1.0]
-    shares = np.zeros((count, 2), np.float32)
-    shares[:, 0] = share
+    poses = np.tile(np.eye(4), (7, 1, 1))
+    poses[:, :3, :3] = Rotation.from_euler("y", 60 * np.arange(7)[:, None], degrees=True).as_matrix()
+    shares = np.tile(np.float32([share, 0]), (count, 1))
     code = rng.normal(size=(count, 2, channels)).astype(np.float32) * (shares[..., None] > 0)
     arrays = {
         "registered": np.arange(7) > 0,
-        "camera_to_world": looking_around(7),
+        "camera_to_world": poses,
         "intrinsics": CAMERA.matrix,
         "means": (3.0 * around / np.linalg.norm(around, axis=1, keepdims=True)).astype(np.float32),
         "log_scales": np.full((count, 3), -0.7, np.float32),
@@ -40,10 +34,8 @@ def scene(folder, channels: int, share: float, seed: int = 0, count: int = 60):
         "share": shares,
     }
     facts = {"levels": LEVELS, "method": "lifted", "camera": asdict(CAMERA), "sh_degree_in_use": 0}
-    names = ["poses", "splats", "language"]
-    return put_scene(
-        folder, names, arrays, facts, chained=True, stage="frames", options=OPTIONS, origin="real"
-    )
+    names, made = ["poses", "splats", "language"], {"stage": "frames", "options": OPTIONS, "origin": "real"}
+    return put_scene(folder, names, arrays, facts, chained=True, **made)
 
 
 @pytest.mark.parametrize("channels, share", [(5, 1.0), (2, 0.6), (1, 1.0), (4, 0.0)])
@@ -91,28 +83,20 @@ def test_codes_weigh_by_their_share():
     np.testing.assert_allclose(painted(repeated, twice)[:100], painted(code, share)[:100], atol=1e-6)
 
 
-def test_a_code_has_one_color_at_all_levels():
+def test_a_code_has_one_color_at_all_levels_and_half_covered_pixels_are_half_gray():
     code = np.repeat(codes(50, 1.0, 0.5, 0.2), 2, axis=1)
     code[:, 1] += np.float32(2.0)
     both = code_colors(code, np.ones((50, 2), np.float32))
     flat = code_colors(code.reshape(100, 1, 3), np.ones((100, 1), np.float32))
     np.testing.assert_allclose(both.reshape(100, 1, 3), flat, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    "code, share",
-    [
-        (np.zeros((0, 2, 4)), np.zeros((0, 2))),
-        (np.ones((5, 2, 4)), np.ones((5, 2))),
-        (np.zeros((5, 2, 4)), np.zeros((5, 2))),
-    ],
-    ids=["no Gaussian", "one code", "no meaning"],
-)
-def test_codes_that_do_not_differ_have_the_middle_color(code, share):
-    assert np.abs(code_colors(code.astype(np.float32), share.astype(np.float32)) - 0.5).max(initial=0) < 1e-6
-
-
-def test_half_covered_pixels_are_half_gray():
     full, half, none = blend(np.tile([9.0, 0.5, 0.0], (3, 1)), np.float32([1.0, 0.5, 0.0]))
     assert full.tolist() == [1.0, 0.5, 0.0] and none.tolist() == [UNKNOWN] * 3
     np.testing.assert_allclose(half, (full + none) / 2)
+
+
+@pytest.mark.parametrize(
+    "count, code, share", [(0, 0, 0), (5, 1, 1), (5, 0, 0)], ids=["no Gaussian", "one code", "no meaning"]
+)
+def test_codes_that_do_not_differ_have_the_middle_color(count, code, share):
+    given = np.full((count, 2, 4), code, np.float32), np.full((count, 2), share, np.float32)
+    assert np.abs(code_colors(*given) - 0.5).max(initial=0) < 1e-6

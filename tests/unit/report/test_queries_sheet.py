@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.evaluation import stage
+from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.scores import iou
 from egosplat.pipeline.validation import read_document
 from egosplat.query import finished_scene
@@ -23,24 +23,15 @@ from egosplat.report.sheets.queries_sheet import (
     summary,
 )
 from tests.support.scenes import put
+from tests.unit.evaluation.conftest import ARTIFACTS, score
 
-NAMES = ("frames", "poses", "annotations", "splats", "language", "features")
 GREEN, RED = (34, 139, 34), (255, 0, 0)
-
-
-def score(folder: Path, **keys) -> Path:
-    """metrics.json of a folder of artifacts; couch and cup are found in frames 1 and 2."""
-    output = folder / "metrics.json"
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
-    options = stage.MetricsOptions(**keys)
-    stage.run(**paths, output=output, options=options, title="a/scene", method=None)
-    return output
 
 
 def draw(folder: Path) -> np.ndarray:
     """(H, W, 3) the page of a scored folder."""
     output = folder / "queries.png"
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in ARTIFACTS}
     run(**paths, metrics_path=folder / "metrics.json", output=output, title="a/scene")
     assert [path.name for path in folder.iterdir() if path.suffix == ".png"] == [output.name]
     return np.asarray(Image.open(output).convert("RGB"))
@@ -54,8 +45,7 @@ def miss(metrics: Path, category: str) -> None:
     """Tell that a category was missed."""
     queries = json.loads(metrics.read_text())["queries"]
     for one in queries:
-        if one["category"] == category:
-            one["groups"]["all"] |= {"hit": False, "iou": 0.0}
+        one["groups"]["all"] |= {"hit": False, "iou": 0.0} if one["category"] == category else {}
     change(metrics, queries=queries)
 
 
@@ -68,29 +58,23 @@ def marks(page: np.ndarray) -> list[tuple[bool, bool]]:
     ]
 
 
-def test_the_page_begins_with_the_notice_and_the_alarms(word_scene):
+def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right_below_the_alarms(word_scene):
     folder = word_scene()
     metrics = score(folder)
     change(metrics, alarms=[])
-    height = len(draw(folder))
-    alarm = {"key": "masks.pixels", "figures": {"value": 0.5, "limit": 0.25}}
-    change(metrics, notice="small", alarms=[alarm, alarm])
-    assert len(draw(folder)) > height
-
-
-def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right(word_scene):
-    folder = word_scene()
-    score(folder)
     found = draw(folder)
     height, width, _ = found.shape
     assert width > 1500 and height > 500  # couch and cup, one below the other
     assert marks(found) == [(True, False), (False, False)]
-    miss(folder / "metrics.json", "cup")
+    miss(metrics, "cup")
     both = draw(folder)
     assert both.shape[0] < height  # a row each, beside each other
     assert marks(both) == [(True, False), (False, True)]
-    miss(folder / "metrics.json", "couch")
-    assert marks(draw(folder)) == [(False, False), (False, True)]
+    miss(metrics, "couch")
+    alarm = {"key": "masks.pixels", "figures": {"value": 0.5, "limit": 0.25}}
+    change(metrics, notice="small", alarms=[alarm, alarm])
+    none = draw(folder)
+    assert marks(none) == [(False, False), (False, True)] and none.shape[0] > height
 
 
 def test_the_maps_are_those_that_were_scored(word_scene):
@@ -115,31 +99,22 @@ def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
     """Protects the pictures beside scores: those of the scene without what rests would be others."""
     folder = word_scene()
     for in_time in (False, True):
-        assert open_scored(folder, stage.MetricsOptions(), in_time=in_time).rests is None
-    put(
-        folder,
-        "histories",
-        {"gaussians/sh": np.zeros((0, 1, 3), np.float32)},
-        made_from=["frames", "poses", "splats"],
-    )
-    paths = {f"{name}_path": folder / f"{name}.zarr" for name in (*NAMES, "histories")}
-    options = stage.MetricsOptions(negatives=["basketball"])
-    stage.run(**paths, output=folder / "metrics.json", options=options, title="a/scene")
-    scored = read_document(folder / "metrics.json", "metrics")
+        assert open_scored(folder, MetricsOptions(), in_time=in_time).rests is None
+    nothing = {"gaussians/sh": np.zeros((0, 1, 3), np.float32)}
+    put(folder, "histories", nothing, made_from=["frames", "poses", "splats"])
+    scored = read_document(score(folder, (*ARTIFACTS, "histories")), "metrics")
     scene = open_scored(folder, scoring_options(scored), in_time=True)
     assert len(list(ask_again(scored_queries(scored)[:1], scene, scored, folder / "metrics.json"))) == 1
     assert scene.rests is not None and open_scored(folder, scoring_options(scored)).rests is None
 
 
 def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
-    folder = word_scene()
-    score(folder, excluded=["couch", "cup"])
+    metrics = score(word_scene(), excluded=["couch", "cup"])
     monkeypatch.setattr(finished_scene, "load_clip_of", None)  # nothing is asked
-    picture = draw(folder)
+    picture = draw(metrics.parent)
     assert picture.shape[0] < 400 and picture.min() < 50
-    assert summary(read_document(folder / "metrics.json", "metrics")) == (
-        "no queries; origin synthetic, small checkpoints"
-    )
+    told = summary(read_document(metrics, "metrics"))
+    assert told == "no queries; origin synthetic, small checkpoints"
 
 
 def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
@@ -162,38 +137,30 @@ def test_scores_of_other_artifacts_are_rejected(word_scene):
     kept = score(folder).read_bytes()
     word_scene(nudge=0.001)
     (folder / "metrics.json").write_bytes(kept)
-    with pytest.raises(
-        UserError, match=r"metrics.json: was made from another splats.zarr than .*Rebuild it: "
-    ):
+    with pytest.raises(UserError, match=r"metrics.json: was made from another splats.zarr .*Rebuild it: "):
         draw(folder)
     assert not (folder / "queries.png").exists()
 
 
-def query(category: str, iou: float, hit: bool, frame: int = 0, relevancy: float = 0.5) -> ScoredQuery:
-    return ScoredQuery(frame, category, relevancy, hit, iou)
-
-
 def test_the_best_were_found_and_the_worst_missed_and_a_category_is_shown_once():
     queries = [
-        query("sofa", 0.5, True, frame=1),
-        query("sofa", 0.7, True, frame=2),
-        query("sofa", 0.0, False, frame=3),
-        query("cup", 0.1, False, frame=4),
-        query("cup", 0.2, False, frame=5),
-        query("lamp", 0.8, True, frame=6),
-        query("rug", 0.9, False, frame=7),
+        ScoredQuery(1, "sofa", 0.5, True, 0.5),
+        ScoredQuery(2, "sofa", 0.5, True, 0.7),
+        ScoredQuery(3, "sofa", 0.5, False, 0.0),
+        ScoredQuery(4, "cup", 0.5, False, 0.1),
+        ScoredQuery(5, "cup", 0.5, False, 0.2),
+        ScoredQuery(6, "lamp", 0.5, True, 0.8),
+        ScoredQuery(7, "rug", 0.5, False, 0.9),
     ]
-    best, worst = best_and_worst(queries, 3)
-    assert [one.frame for one in best] == [6, 2] and [one.frame for one in worst] == [4, 7]
-    # The second best category has no room among the best: what was missed of it may be among the worst.
-    best, worst = best_and_worst(queries, 1)
-    assert [one.frame for one in best] == [6] and [one.frame for one in worst] == [3]
+    # The second best category has no room among one best: what was missed of it may be among the worst.
+    for count, frames in ((3, ([6, 2], [4, 7])), (1, ([6], [3]))):
+        assert tuple([one.frame for one in block] for block in best_and_worst(queries, count)) == frames
     assert best_and_worst([], 3) == ([], [])
 
 
 def test_ties_do_not_depend_on_the_order_of_the_file():
-    found = [query(name, 0.5, True, frame) for frame, name in ((1, "b"), (1, "c"), (2, "a"))]
+    found = [ScoredQuery(frame, name, 0.5, True, 0.5) for frame, name in ((1, "b"), (1, "c"), (2, "a"))]
     rows = (("e", 1, 0.9), ("f", 1, 0.8), ("g", 1, 0.8), ("d", 2, 0.8))
-    missed = [query(name, 0.0, False, frame, relevancy) for name, frame, relevancy in rows]
+    missed = [ScoredQuery(frame, name, relevancy, False, 0.0) for name, frame, relevancy in rows]
     for order in (1, -1):
         assert best_and_worst([*found, *missed][::order], 4) == (found, missed)

@@ -10,18 +10,15 @@ HEIGHT, WIDTH = 20, 30
 
 
 def scene(folder, held_out: int, records: int, corrections: int):
-    rng = np.random.default_rng(0)
+    rng, frames = np.random.default_rng(0), 8
 
     def pictures(count: int) -> np.ndarray:
         return rng.integers(0, 255, (count, HEIGHT, WIDTH, 3), dtype=np.uint8)
 
-    frames, count = 8, 5
-    valid = np.ones((HEIGHT, WIDTH), bool)
-    valid[:4] = False
     arrays = {
         "rgb": pictures(frames),
-        "valid": valid,
-        "means": np.zeros((count, 3), np.float32),
+        "valid": np.repeat(np.arange(HEIGHT)[:, None] >= 4, WIDTH, axis=1),
+        "means": np.zeros((5, 3), np.float32),
         "curve/iteration": np.arange(records) * 10 + 10,
         "curve/loss": 0.3 / np.arange(1.0, records + 1),
         "curve/gaussians": np.arange(records) + 100,
@@ -36,10 +33,8 @@ def scene(folder, held_out: int, records: int, corrections: int):
     facts = camera_facts(Camera(WIDTH, HEIGHT, 20.0, 20.0, 15.0, 10.0))
     facts |= {"iteration": 10, "views": {"training": 3}, "training_s": 1.25, "rasterizer": "reference"}
     if corrections:
-        poses, facts = (
-            np.tile(np.eye(4), (frames, 1, 1)),
-            facts | {"scene_depth": 2.0, "up": [0.0, -1.0, 0.0]},
-        )
+        facts |= {"scene_depth": 2.0, "up": [0.0, -1.0, 0.0]}
+        poses = np.tile(np.eye(4), (frames, 1, 1))
         poses[:, 0, 3] = np.arange(frames)
         poses[-1] = np.nan
         arrays |= {
