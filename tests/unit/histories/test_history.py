@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -32,11 +33,11 @@ def carried(from_s, until_s, start, end):
     return Carried(0.9, from_s, until_s, start, end, 0.1, 0, (0, 0, 1, 1))
 
 
-HISTORY = (carried(4.2, 7.0, TABLE, DESK), carried(16.0, 18.5, DESK, SHELF))
-
-
 NOWHERE = np.full(3, np.nan)
+FIRST, SECOND = carried(4.2, 7.0, TABLE, DESK), carried(16.0, 18.5, DESK, SHELF)
 UNSEEN, LOST = carried(16.0, 18.5, NOWHERE, SHELF), carried(4.2, 7.0, TABLE, NOWHERE)
+FROM_TABLE, NEARBY = (carried(16.0, 18.5, start, SHELF) for start in (TABLE, DESK + [0.1, 0, 0]))
+HISTORY = (FIRST, SECOND)
 
 
 @pytest.mark.parametrize(
@@ -50,20 +51,15 @@ UNSEEN, LOST = carried(16.0, 18.5, NOWHERE, SHELF), carried(4.2, 7.0, TABLE, NOW
         (HISTORY, 1e6, SHELF, "since 0:18"),
         (HISTORY, -5, TABLE, "until 0:04"),
         # The thing was put on the desk, and taken from the table.
-        ((HISTORY[0], carried(16.0, 18.5, TABLE, SHELF)), 10, None, "not known since 0:07, until 0:16"),
-        ((HISTORY[0], carried(16.0, 18.5, TABLE, SHELF)), 20, SHELF, "since 0:18"),
+        ((FIRST, FROM_TABLE), 10, None, "not known since 0:07, until 0:16"),
+        ((FIRST, FROM_TABLE), 20, SHELF, "since 0:18"),
         # Nobody saw where it starts: it may be where the carry before has left it.
         ((UNSEEN,), 10, None, "not known until 0:16"),
-        ((HISTORY[0], UNSEEN), 10, DESK, "since 0:07, until 0:16"),
+        ((FIRST, UNSEEN), 10, DESK, "since 0:07, until 0:16"),
         # Each of two carries tells the place between them to a few centimeters.
-        (
-            (HISTORY[0], carried(16.0, 18.5, DESK + [0.1, 0, 0], SHELF)),
-            10,
-            DESK + [0.05, 0, 0],
-            "since 0:07, until 0:16",
-        ),
+        ((FIRST, NEARBY), 10, DESK + [0.05, 0, 0], "since 0:07, until 0:16"),
         # A thing that was lost lies where it is taken up next, or nobody knows where.
-        ((LOST, HISTORY[1]), 10, DESK, "since 0:07, until 0:16"),
+        ((LOST, SECOND), 10, DESK, "since 0:07, until 0:16"),
         ((LOST,), 10, None, "not known since 0:07"),
     ],
 )
@@ -79,6 +75,7 @@ def test_a_time_that_is_none_is_an_error():
     with pytest.raises(UserError, match="nan"):
         place_at(HISTORY, float("nan"))
     np.testing.assert_array_equal(place_at(HISTORY, float("inf")).position, SHELF)
+    assert place_at((), 3.0) is None
     assert [clock(second) for second in (0, 9.99, 65, 3600)] == ["0:00", "0:09", "1:05", "60:00"]
 
 
@@ -90,42 +87,35 @@ def carries_of(count, step=10):
     return SimpleNamespace(read=lambda name: arrays[name.removeprefix("carries/")])
 
 
-def rests_of(rests, carries, features, seconds=SECONDS):
+def rests_of(rests, carries, features):
     """(thing, first frame, last frame, place) of each rest, (thing, rest before, rest after) of each carry."""
-    things, first, last, place = (
-        (np.array(one) for one in zip(*rests, strict=True)) if rests else [np.zeros(0, int)] * 4
-    )
+    things, first, last = np.array([one[:3] for one in rests], int).reshape(-1, 3).T
     features = torch.tensor(features, dtype=torch.float32).reshape(-1, 4)
-    center, links = place.reshape(-1, 3).astype(np.float64), np.array(carries, np.int32).reshape(-1, 3).T
-    return make_rests(
-        things, seconds[first], seconds[last], features, center=center, frame=first, links=links
-    )
+    center = np.array([one[3] for one in rests], float).reshape(-1, 3)
+    links = np.array(carries, np.int32).reshape(-1, 3).T
+    spans = SECONDS[first], SECONDS[last]
+    return make_rests(things, *spans, features, center=center, frame=first, links=links)
 
 
-def history_of_things(carries, rests, query=CUP, seconds=SECONDS):
+def history_of_things(carries, rests, query=CUP):
     """What a query means was carried, of a scene whose words are cup, box and hand."""
-    made = Histories(carries, rests, seconds)
     words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
+    made = Histories(carries, rests, SECONDS)
     return find_history(made, Texts(("it",), query[None], OBJECT[None]), words, 10.0)
 
 
-def of_one_carry_each(features, step=10, seconds=SECONDS):
-    """Things with these features, each carried from the table to the desk in turn at 0, 10, 20 ... s for five seconds, or at once."""
+def told(features, query=CUP):
+    """When what a query means was taken up [s], of things each carried from table to desk, in turn at 0, 10, 20 ... s."""
     rests, links = [], []
-    for thing, first in enumerate(step * np.arange(len(features))):
+    for thing, first in enumerate(10 * np.arange(len(features))):
         rests += [(thing, first, first, TABLE), (thing, first + 5, first + 5, DESK)]
         links.append((thing, 2 * thing, 2 * thing + 1))
-    return carries_of(len(features), step), rests_of(rests, links, features, seconds)
-
-
-def told(features, query=CUP, step=10):
-    """Seconds at which what a query means was taken up."""
-    return [one.from_s for one in history_of_things(*of_one_carry_each(features, step), query)]
+    carries = carries_of(len(features))
+    return [one.from_s for one in history_of_things(carries, rests_of(rests, links, features), query)]
 
 
 def mixed(*parts):
-    total = sum(share * axis for share, axis in parts)
-    return (total / total.norm()).tolist()
+    return torch.nn.functional.normalize(sum(share * axis for share, axis in parts), dim=0).tolist()
 
 
 def test_only_what_looks_most_like_the_query_is_its_history():
@@ -133,12 +123,11 @@ def test_only_what_looks_most_like_the_query_is_its_history():
     assert told([box, mixed((0.6, CUP), (0.4, HAND)), cup]) == [20.0]
     assert told([box, mixed((0.6, CUP), (0.4, HAND))]) == [10.0]
     assert told([box]) == [] and told([mixed((0.4, CUP), (0.6, OBJECT))]) == [], "like any object"
-
-
-def test_only_names_of_what_people_carry_compete():
-    """The masks of a cup show more of the hand that holds it; nobody carries a hand about."""
-    assert told([mixed((0.4, CUP), (0.6, HAND))]) == [0.0]
-    assert told([HAND.tolist()], HAND) == []
+    # The masks of a cup show more of the hand that holds it; nobody carries a hand about.
+    assert told([mixed((0.4, CUP), (0.6, HAND))]) == [0.0] and told([HAND.tolist()], HAND) == []
+    assert told([]) == [] and told([[0.0] * 4]) == []
+    for count in (0, 1):
+        assert history_of_things(carries_of(count), rests_of([], [(-1, -1, -1)] * count, [])) == ()
 
 
 def test_of_carries_at_one_time_the_longest_stays():
@@ -152,14 +141,7 @@ def test_of_carries_at_one_time_the_longest_stays():
     assert (one.from_s, one.until_s) == (3, 4)
 
 
-def test_no_carry_and_no_view_have_no_history():
-    assert told([]) == [] and told([[0.0] * 4]) == [] and place_at((), 3.0) is None
-    for count in (0, 1):
-        assert history_of_things(carries_of(count), rests_of([], [(-1, -1, -1)] * count, [])) == ()
-
-
 def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
-    """The cup of the small scene: in the library, in the table, and at a time."""
     put_page_scene(tmp_path)
     put_histories(tmp_path)
     scene = open_scene(tmp_path, min_score=0.7)
@@ -189,13 +171,9 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
 
 
 def test_a_thing_with_rests_is_told_from_rest_to_rest():
-    """The carries look like hands; their thing is a cup. Times and places are those of its rests."""
     carries = carries_of(3)
-    rests = rests_of(
-        [(0, 0, 1, TABLE), (0, 6, 9, DESK), (0, 17, 30, SHELF)],
-        [(0, 0, 1), (0, 1, 2), (-1, -1, -1)],
-        [CUP.tolist()],
-    )
+    places = [(0, 0, 1, TABLE), (0, 6, 9, DESK), (0, 17, 30, SHELF)]
+    rests = rests_of(places, [(0, 0, 1), (0, 1, 2), (-1, -1, -1)], [CUP.tolist()])
     told = history_of_things(carries, rests)
     assert [(one.from_s, one.until_s) for one in told] == [(1, 6), (9, 17)]
     assert [place_at(told, second).carried for second in (1, 3, 7, 9, 20)] == [True, True, False, True, False]
@@ -203,7 +181,7 @@ def test_a_thing_with_rests_is_told_from_rest_to_rest():
         np.testing.assert_array_equal(place_at(told, second).position, position)
 
 
-def test_a_place_that_is_seen_empty_is_not_told():
+def test_a_place_that_is_seen_empty_or_that_a_track_alone_tells_is_not_known():
     """It lay on the table from second 6 to 9: seconds 3 and 14 show the table without it, and no carry is known."""
     rests = rests_of([(0, 6, 9, TABLE)], [(-1, -1, -1)], [CUP.tolist()])
     rests = replace(rests, absent_s=np.array([[3.0], [14.0]]))
@@ -212,10 +190,7 @@ def test_a_place_that_is_seen_empty_is_not_told():
     places = [place_at(told, second).position for second in (1, 5, 7, 12, 20)]
     assert [place is not None for place in places] == [False, False, True, False, False]
     assert place_at(told, 5).told == "not known since 0:03, until 0:06", "a hand may only have hidden it"
-
-
-def test_a_track_alone_confirms_no_place():
-    """The track ends at the desk, and no frame shows the thing at rest there."""
+    # The track ends at the desk, and no frame shows the thing at rest there.
     rests = rests_of([(0, 0, 4, TABLE)], [(0, 0, -1)], [CUP.tolist()])
     [one] = history_of_things(carries_of(1), rests)
     assert one.start_is_known and not one.end_is_known
@@ -225,11 +200,8 @@ def test_a_history_is_of_the_thing_that_fits_best():
     """Two cups are two things; a carry of no thing that rests is told by nobody, nor one that would join two."""
     better, worse = mixed((0.9, CUP), (0.1, HAND)), mixed((0.7, CUP), (0.3, HAND))
     carries = carries_of(4)
-    rests = rests_of(
-        [(0, 6, 9, TABLE), (1, 16, 19, DESK)],
-        [(0, -1, 0), (1, -1, 1), (-1, -1, -1), (0, 0, -1)],
-        [worse, better],
-    )
+    links = [(0, -1, 0), (1, -1, 1), (-1, -1, -1), (0, 0, -1)]
+    rests = rests_of([(0, 6, 9, TABLE), (1, 16, 19, DESK)], links, [worse, better])
     assert [one.until_s for one in history_of_things(carries, rests)] == [16]
     rests = replace(rests, feature=rests.feature * torch.tensor([[1.0], [0.0]]))
     told = history_of_things(carries, rests)
@@ -249,11 +221,8 @@ EDITED = [
 
 
 @pytest.mark.parametrize(("changes", "said"), EDITED)
-def test_spans_outside_of_the_recording_are_damaged(tmp_path, changes, said):
-    """The message names the file, what is wrong, and the command that makes it anew."""
-    folder = tmp_path / "results/adt/scene1"
-    folder.mkdir(parents=True)
-    put_page_scene(folder)
+def test_spans_outside_of_the_recording_are_damaged(tmp_path, page_scene, changes, said):
+    folder = shutil.copytree(page_scene, tmp_path / "results/adt/scene1")
     put_histories(folder, **changes)
     with pytest.raises(UserError) as caught:
         open_scene(folder).ask("cup")
@@ -281,7 +250,6 @@ def test_histories_of_something_else_tell_nothing(tmp_path, made_from):
     "given", ["nan", "1:nan", "inf", "-1", "1:-5", "-1:90", "1:2:3", "", ":", "9" * 400 + ":0"]
 )
 def test_times_on_the_command_line(given):
-    """A sign in either part, and what is no number, is an error that shows how a time is given."""
     assert [parse_time(None, None, one) for one in ("65", "1:05", "0:0.5", "61:00")] == [65, 65, 0.5, 3660]
     with pytest.raises(click.BadParameter, match="give seconds, as 65"):
         parse_time(None, None, given)

@@ -6,9 +6,11 @@ import pytest
 from egosplat.histories.moves import find_carries
 from tests.support.sightings import BACK, HERE, RATE, SIZE, THERE, found, sightings, way
 
+WAY = way((HERE, 10), (THERE, 10))
+
 
 def test_a_carry_has_two_places_and_two_times():
-    [one] = found((10, way((HERE, 10), (THERE, 10))))
+    [one] = found((10, WAY))
     np.testing.assert_allclose([one.start, one.end], [HERE, THERE], atol=0.01)
     # It moves in frames 20 to 29; the window reaches two frames beyond.
     assert abs(one.first - 20) <= 2 and abs(one.last - 29) <= 2
@@ -24,9 +26,6 @@ def test_a_rest_of_a_second_separates_two_carries():
     np.testing.assert_allclose([whole.start, whole.end], [HERE, BACK], atol=0.05)
 
 
-WAY = way((HERE, 10), (THERE, 10))
-
-
 @pytest.mark.parametrize(
     ("tracks", "edge"),
     [
@@ -34,7 +33,7 @@ WAY = way((HERE, 10), (THERE, 10))
         ([(0, way((HERE, 10), (HERE + [0.3, 0, 0], 10)))], 0.0),
         ([(0, WAY[14:17])], 0.0),
         # A track that slips to another thing is cut, and so one without a mask for a second.
-        ([(0, np.concatenate([np.tile(HERE, (10, 1)), np.tile(THERE, (10, 1))]))], 0.0),
+        ([(0, np.repeat([HERE, THERE], 10, axis=0))], 0.0),
         ([(0, WAY[:12]), (30, WAY[18:])], 0.0),
         # Arms at the edge of the picture are no things.
         ([(0, WAY)], 0.03),
@@ -57,33 +56,25 @@ def test_a_thing_that_is_lost_on_its_way_ends_nowhere():
 
 def test_what_the_wearer_holds_does_not_slip():
     """The depth behind it jumps, and it stays before the camera."""
-    centers = np.concatenate(
-        [np.tile(HERE, (10, 1)), np.linspace(HERE, THERE, 3)[1:-1], np.tile(THERE, (10, 1))]
-    )
+    centers = np.repeat(np.linspace(HERE, THERE, 3), (10, 1, 10), axis=0)
     seen = sightings((0, 2 * centers))
     seconds = np.arange(len(centers)) / RATE
     assert find_carries(seen, {}, seconds) == [], "each step is a slip"
+    assert find_carries(seen[:0], {}, seconds[:0]) == []
     seen.local[:] = HERE
     [one] = find_carries(seen, {}, seconds)
     np.testing.assert_allclose([one.start, one.end], [2 * HERE, 2 * THERE], atol=0.01)
 
 
 def test_parts_of_one_thing_are_one_carry():
-    """The mask of a part lies in that of the whole; the longer track stands for both."""
-    centers = way((HERE, 10), (THERE, 10))
-    nested = {(frame, 1, 0): 0.9 for frame in range(40)}
-    [one] = found((0, centers), (4, centers[4:24]), inside=nested)
+    tracks = (0, WAY), (4, WAY[4:24])
+    nested, apart = ({(frame, 1, 0): share for frame in range(40)} for share in (0.9, 0.2))
+    [one] = found(*tracks, inside=nested)
     assert one.track == 0 and one.others == (1,)
-    apart = {(frame, 1, 0): 0.2 for frame in range(40)}
-    assert len(found((0, centers), (4, centers[4:24]), inside=apart)) == 2
+    assert len(found(*tracks, inside=apart)) == 2
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_lengths_are_relative(scale):
-    """A scene in another unit has the same carries."""
-    [one] = found((0, scale * way((HERE, 10), (THERE, 10))), size=scale * SIZE)
+    [one] = found((0, scale * WAY), size=scale * SIZE)
     np.testing.assert_allclose(one.end, scale * THERE, rtol=0.02)
-
-
-def test_no_sighting_gives_no_carry():
-    assert find_carries(sightings((0, np.zeros((1, 3))))[:0], {}, np.zeros(0)) == []

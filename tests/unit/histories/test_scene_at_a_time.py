@@ -1,5 +1,6 @@
 """A scene at a time: what lies somewhere for a while."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -18,10 +19,10 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from tests.support.blobs import blobs
-from tests.support.page_scene import put_histories, put_page_scene
+from tests.support.page_scene import put_histories
 from tests.support.sightings import make_rests
 
-CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
+CAMERA, EYE = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 TEXTS = Texts(("wall", "cup"), torch.eye(4)[:2], torch.eye(4)[2:3])
 OPTIONS = LANGSPLAT.change(box_filter=0.0)
@@ -35,11 +36,8 @@ def balls(*places):
 @pytest.fixture
 def scene() -> QueryScene:
     """A ball on the left that is the wall, at both levels."""
-    code, share = torch.eye(4)[:1, None].repeat(1, 2, 1), torch.ones(1, 2)
-    identity = Decoder((4,), np.zeros(0, np.float32))
-    return QueryScene(
-        balls((-0.5, 0, 2)), SETTINGS, CAMERA, 0, code, share, identity, GAUSSIANS, ["part", "whole"]
-    )
+    codes = torch.eye(4)[:1, None].repeat(1, 2, 1), torch.ones(1, 2), Decoder((4,), np.zeros(0, np.float32))
+    return QueryScene(balls((-0.5, 0, 2)), SETTINGS, CAMERA, 0, *codes, GAUSSIANS, ["part", "whole"])
 
 
 def rests_of(*spans):
@@ -50,34 +48,28 @@ def rests_of(*spans):
     return make_rests(owner, *span.T, things, gaussians=gaussians, rest=np.arange(count))
 
 
-@pytest.mark.parametrize(
-    ("spans", "second", "there"),
-    [
-        (((1, 2), (2, 3)), 0.5, []),
-        (((1, 2), (2, 3)), 1, [0]),
-        (((1, 2), (2, 3)), 2, [0, 1]),
-        (((1, 2), (2, 3)), 3.1, []),
-        (((0, 9), (4, 4)), 4, [0, 1]),
-        (((0, 9), (4, 4)), np.nextafter(4, 5), [0]),
-        ((), 1, []),
-    ],
-)
-def test_a_rest_holds_from_its_first_to_its_last_frame(spans, second, there):
-    """Both ends, a rest of one frame, and none at all."""
-    assert rests_of(*spans).at(second).tolist() == there
+def test_a_rest_holds_from_its_first_to_its_last_frame():
+    one_after_the_other, one_of_a_frame = rests_of((1, 2), (2, 3)), rests_of((0, 9), (4, 4))
+    for second, there in ((0.5, []), (1, [0]), (2, [0, 1]), (3.1, [])):
+        assert one_after_the_other.at(second).tolist() == there
+    for second, there in ((4, [0, 1]), (np.nextafter(4, 5), [0])):
+        assert one_of_a_frame.at(second).tolist() == there
+    assert rests_of().at(1).tolist() == []
 
 
-def answers(scene, rests, second):
-    asker = Asker(scene, TEXTS, OPTIONS, rests)
-    return list(asker.ask(TEXTS.phrases, CAMERA, np.eye(4), None, second))
+def answers(scene, rests, second=1.0):
+    return list(Asker(scene, TEXTS, OPTIONS, rests).ask(TEXTS.phrases, CAMERA, EYE, None, second))
 
 
-def test_what_lies_there_answers_at_its_time_alone(scene):
+def test_what_lies_there_answers_at_its_time_and_hides_what_is_behind(scene):
     rests = rests_of((1, 2))
-    wall, cup = answers(scene, rests, 1.5)
+    wall, cup = answers(scene, rests)
     assert cup.score > 0.99 and cup.pixel[0] > 36 and cup.mask.any() and not cup.mask[:, :30].any()
     assert cup.position[2] == pytest.approx(2.0, abs=0.01)
     assert wall.score > 0.99 and wall.pixel[0] < 30
+    rests.gaussians.means[:] = torch.tensor([-0.25, 0, 1])
+    wall, cup = answers(scene, rests)
+    assert wall.score < 0.6 and cup.mask[24, 17] and cup.position[2] == pytest.approx(1.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -99,34 +91,26 @@ def test_without_a_rest_at_a_time_answers_are_those_without_time(scene, decoded,
         np.testing.assert_array_equal(one.mask, other.mask)
 
 
-def test_what_lies_before_the_scene_hides_it(scene):
-    before = rests_of((1, 2))
-    before.gaussians.means[:] = torch.tensor([-0.25, 0, 1])
-    wall, cup = answers(scene, before, 1.0)
-    assert wall.score < 0.6 and cup.mask[24, 17] and cup.position[2] == pytest.approx(1.0, abs=0.01)
-
-
 def test_a_thing_without_a_feature_has_no_relevancy(scene):
     rests = rests_of((1, 2))
     rests.thing[:] = 1
-    wall, cup = answers(scene, rests, 1.5)
+    wall, cup = answers(scene, rests)
     assert wall.score > 0.99 and cup.score < 0.6 and not wall.mask[:, 36:].any()
 
 
 def test_colors_are_those_of_the_time(scene):
     rests = rests_of((1, 2))
-    assert scene.at(rests, 3.0) is scene and scene.at(rests, None) is scene
-    assert scene.at(None, 1.0) is scene
-    assert scene.at(rests, 1.0).picture(CAMERA, np.eye(4))[24, 41].min() > 0.5
-    assert not scene.picture(CAMERA, np.eye(4))[24, 41].any()
+    assert scene.at(rests, 3.0) is scene.at(rests, None) is scene.at(None, 1.0) is scene
+    assert scene.at(rests, 1.0).picture(CAMERA, EYE)[24, 41].min() > 0.5
+    assert not scene.picture(CAMERA, EYE)[24, 41].any()
 
 
-def test_a_frame_shows_what_lies_there_at_its_time(tmp_path):
+def test_a_frame_or_a_pose_at_a_time_shows_what_lies_there(tmp_path, page_scene):
     """Red where the cup is taken up, in the frames until then; a pose has no time."""
-    put_page_scene(tmp_path)
-    plain = open_scene(tmp_path).render(0)
-    put_histories(tmp_path, ((0, 1), (4, 4)))
-    scene = open_scene(tmp_path)
+    folder = shutil.copytree(page_scene, tmp_path / "scene")
+    plain = open_scene(folder).render(0)
+    put_histories(folder, ((0, 1), (4, 4)))
+    scene = open_scene(folder)
     for frame, shown in ((0, True), (1, True), (2, False), (4, True)):
         red = scene.render(frame)[..., 0] - scene.render(pose=scene.poses[frame])[..., 0]
         assert (red.max() > 0.2) == shown
@@ -139,16 +123,10 @@ def test_a_frame_shows_what_lies_there_at_its_time(tmp_path):
             scene.ask("cup", second=0.1, **given)
     assert scene.rests.gaussians.count == 8
     assert scene.rests.from_s.tolist() == scene.seconds[[0, 4]].tolist()
-
-
-def test_a_pose_is_asked_at_a_time(tmp_path):
-    """Of the command: its picture shows what rests, and its title tells the time."""
-    put_page_scene(tmp_path)
-    put_histories(tmp_path, ((0, 1), (4, 4)))
-    scene, seen = open_scene(tmp_path), []
-    view = scene.viewpoint(pose=scene.poses[0])
+    # The command's picture shows what rests, and its title tells the time.
+    view, pictures = scene.viewpoint(pose=scene.poses[0]), set()
     for at in (0.1, 0.3, None):
         told = "".join(run(scene, ["cup"], view, 1, tmp_path / "query.png", at))
         assert ("a pose at 0:00, origin" in told) == (at is not None)
-        seen.append((tmp_path / "query.png").read_bytes())
-    assert len({*seen}) == 3
+        pictures.add((tmp_path / "query.png").read_bytes())
+    assert len(pictures) == 3

@@ -11,6 +11,7 @@ from egosplat.histories.rests import ends_of, link
 from egosplat.histories.things import features_of, group, match
 
 SECONDS = np.arange(100) / 10
+X, Y, _ = np.eye(3)
 
 
 def span(beyond, shares):
@@ -36,7 +37,6 @@ def test_a_thing_rests_as_long_as_it_explains_the_pictures(beyond, shares, shown
 
 
 def test_views_in_which_little_changes_tell_little():
-    """A pixel that changes by chance is no evidence of a thing."""
     told = np.array([[50.0, 100.0, 1000], [0.5, 0.5, 2], [0.0, 0.0, 0]])
     np.testing.assert_allclose(finding._shares(told)[:2], [0.5, 0.5])
     told[:, 2] = [1000, 1000, 1000]
@@ -44,31 +44,28 @@ def test_views_in_which_little_changes_tell_little():
     assert finding._shares(np.zeros((0, 3))).shape == (0,)
 
 
-def rest(x, first, last, evidence=1.0, radius=0.2):
-    """A rest at x [m]."""
-    center = np.array([x, 0.0, 0.0])
-    return SimpleNamespace(center=center, radius=radius, frames=(first, last), evidence=evidence)
+def rest(x, first, last, evidence=1.0):
+    return SimpleNamespace(center=x * X, radius=0.2, frames=(first, last), evidence=evidence)
 
 
-def end(carry, after, x, second, size=0.3):
-    return End(carry, after, np.array([x, 0.0, 0.0]), 0.75 * size, size, second, 0)
-
-
-def links(ends, rests, carries):
-    return link(ends, rests, SECONDS, carries).tolist()
+def end(carry, after, x, second):
+    return End(carry, after, x * X, 0.225, 0.3, second, 0)
 
 
 def test_a_carry_leads_from_the_rest_before_to_the_rest_after():
-    """Another place and another time are no link; of two rests at an end the better one is linked."""
     ends = [end(0, False, 0.0, 3.0), end(0, True, 1.0, 5.0)]
-    assert links(ends, [rest(0.0, 0, 30), rest(1.0, 50, 99)], 1) == [[0], [1]]
-    assert links(ends, [rest(0.5, 0, 30), rest(1.0, 80, 99)], 1) == [[-1], [-1]]
-    assert links([], [rest(0.0, 0, 30)], 0) == [[], []]
-    assert links(ends[1:], [rest(1.0, 50, 99, 1.0), rest(1.05, 52, 99, 3.0)], 1) == [[-1], [1]]
+    for some, rests, linked in (
+        (ends, [rest(0.0, 0, 30), rest(1.0, 50, 99)], [[0], [1]]),
+        # Another place and another time are no link.
+        (ends, [rest(0.5, 0, 30), rest(1.0, 80, 99)], [[-1], [-1]]),
+        # Of two rests at an end the better one is linked.
+        (ends[1:], [rest(1.0, 50, 99, 1.0), rest(1.05, 52, 99, 3.0)], [[-1], [1]]),
+        ([], [rest(0.0, 0, 30)], [[], []]),
+    ):
+        assert link(some, rests, SECONDS, len(linked[0])).tolist() == linked
 
 
 def test_two_equal_things_that_change_places_stay_two():
-    """Each takes the other's place: times and carries keep them apart."""
     ends = [end(0, False, 0, 3), end(0, True, 1, 6), end(1, False, 1, 3), end(1, True, 0, 6)]
     rests = [rest(0, 0, 30), rest(1, 0, 30), rest(0, 60, 99), rest(1, 60, 99)]
     found = link(ends, rests, SECONDS, 2)
@@ -106,10 +103,8 @@ def test_what_looks_alike_is_one_thing_unless_it_rests_at_two_places_at_once(sec
 def test_parts_of_a_thing_do_not_join_what_rests_elsewhere_at_once():
     """The second looks like both others, which are two."""
     rests = [rest(0.0, 0, 30), rest(0.3, 10, 40), rest(0.6, 0, 30)]
-    features = np.float32([[1, 0], [0.99, 0.14], [0.99, 0.14]])
-    things, _ = match(
-        np.arange(3), np.zeros(0, int), rests, features / np.linalg.norm(features, axis=1)[:, None]
-    )
+    features = np.float32([[1, 0], [0.99, 0.0199**0.5], [0.99, 0.0199**0.5]])
+    things, _ = match(np.arange(3), np.zeros(0, int), rests, features)
     assert things[0] != things[2] and len(set(things.tolist())) == 2
 
 
@@ -121,16 +116,11 @@ def test_a_thing_looks_like_its_rests_and_carries():
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_places_are_relative_to_the_sizes_of_things(scale):
-    """An end that is not known has none."""
     carries = [
-        SimpleNamespace(
-            track=track, first=0, last=last, start=np.full(3, np.nan), end=scale * end, size=scale * size
-        )
-        for track, last, end, size in ((0, 5, np.eye(3)[0], 1.0), (1, 9, np.eye(3)[1], 3.0))
+        SimpleNamespace(track=track, first=0, last=last, start=np.full(3, np.nan), end=end, size=scale * size)
+        for track, last, end, size in ((0, 5, scale * X, 1.0), (1, 9, scale * Y, 3.0))
     ]
     ends = ends_of(carries, SECONDS)
     np.testing.assert_allclose([one.radius for one in ends], [0.9 * scale, 2.1 * scale])
-    assert [(one.carry, one.after, one.second, one.track) for one in ends] == [
-        (0, True, 0.5, 0),
-        (1, True, 0.9, 1),
-    ]
+    told = [(one.carry, one.after, one.second, one.track) for one in ends]
+    assert told == [(0, True, 0.5, 0), (1, True, 0.9, 1)]
