@@ -6,33 +6,24 @@ from PIL import Image
 
 from egosplat.export.movie import way
 from tests.support.commands import run_command
-from tests.support.page_scene import put_page_scene
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results") / "scene1"
-    folder.mkdir()
-    put_page_scene(folder)
-    return folder
 
 
 @pytest.fixture
-def movie(monkeypatch, capfd):
-    """``movie(*words)``: exit status, and what it said."""
+def movie(page_scene, tmp_path, monkeypatch, capfd):
+    """``movie(*words)``: exit status, and what it said; the picture is ``x.webp``."""
 
     def call(*words: object) -> tuple[int, str]:
-        return run_command(monkeypatch, capfd, "movie", *words)[::2]
+        given = (page_scene, *words, "--output", tmp_path / "x.webp", "--side", 64)
+        return run_command(monkeypatch, capfd, "movie", *given)[::2]
 
     return call
 
 
-def test_the_picture_moves_and_the_answer_lights_up(scene, movie, tmp_path):
-    output = tmp_path / "x.webp"
-    status, said = movie(scene, "wall", "couch", "elephant", "--output", output, "--side", 64)
+def test_the_picture_moves_and_the_answer_lights_up(movie, tmp_path):
+    status, said = movie("wall", "couch", "elephant")
     assert status == 0, said
     assert "elephant" in said and "left out" in said
-    with Image.open(output) as moving:
+    with Image.open(tmp_path / "x.webp") as moving:
         assert moving.size[0] == 64 < moving.size[1] and moving.n_frames > 8
         moving.seek(moving.n_frames - 1)
         last = np.asarray(moving.convert("RGB"))[:64].astype(int)
@@ -40,8 +31,8 @@ def test_the_picture_moves_and_the_answer_lights_up(scene, movie, tmp_path):
     assert redness[:, 16:36].mean() > redness[:, 44:].mean() + 20, "the couch is left of the wall"
 
 
-def test_without_an_answer_nothing_is_written(scene, movie, tmp_path):
-    status, said = movie(scene, "elephant", "--output", tmp_path / "x.webp")
+def test_without_an_answer_nothing_is_written(movie, tmp_path):
+    status, said = movie("elephant")
     assert status == 2 and "no query has an answer" in said and not (tmp_path / "x.webp").exists()
 
 

@@ -1,48 +1,30 @@
 """The exported .ply file, read back by a library that knows the format."""
 
 import numpy as np
-import pytest
-import torch
 import trimesh
 
 from egosplat.export.gaussians import geometry_columns, point_columns, write_ply
-from egosplat.gaussians.model import Gaussians
-
-
-@pytest.fixture
-def gaussians() -> Gaussians:
-    values = torch.Generator().manual_seed(0)
-    shapes = {
-        "means": (5, 3),
-        "quats": (5, 4),
-        "log_scales": (5, 3),
-        "logit_opacities": (5,),
-        "sh": (5, 4, 3),
-        "features": (5, 0),
-    }
-    return Gaussians(**{name: torch.randn(shape, generator=values) for name, shape in shapes.items()})
+from tests.support.blobs import blobs
+from tests.support.splats import colorful
 
 
 def read(path) -> np.ndarray:
     """The vertices as they are stored."""
-    scene = trimesh.load(path)
-    return scene.metadata["_ply_raw"]["vertex"]["data"]
+    return trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
 
 
-def test_ply_uses_the_names_that_viewers_expect(tmp_path, gaussians):
+def test_ply_uses_the_names_that_viewers_expect(tmp_path):
+    gaussians = colorful(blobs(np.random.default_rng(0).normal(size=(5, 3)).tolist(), [0.5] * 5), 1)
     write_ply(tmp_path / "x.ply", geometry_columns(gaussians), "real")
-    found = read(tmp_path / "x.ply")
-    for axis, name in enumerate("xyz"):
-        assert np.array_equal(found[name].ravel(), gaussians.means[:, axis].numpy())
-    assert np.array_equal(found["f_dc_1"].ravel(), gaussians.sh[:, 0, 1].numpy())
+    sh = gaussians.sh
+    columns = dict(zip("xyz", gaussians.means.T, strict=True)) | {"f_dc_1": sh[:, 0, 1]}
     # Coefficients 1 to 3 of red, then those of green, then those of blue.
-    for number in range(9):
-        channel, coefficient = divmod(number, 3)
-        expected = gaussians.sh[:, 1 + coefficient, channel].numpy()
-        assert np.array_equal(found[f"f_rest_{number}"].ravel(), expected)
-    assert np.array_equal(found["opacity"].ravel(), gaussians.logit_opacities.numpy())
-    assert np.array_equal(found["scale_2"].ravel(), gaussians.log_scales[:, 2].numpy())
-    assert np.array_equal(found["rot_0"].ravel(), gaussians.quats[:, 0].numpy())
+    columns |= {f"f_rest_{number}": sh[:, 1 + number % 3, number // 3] for number in range(9)}
+    columns |= {"opacity": gaussians.logit_opacities, "scale_2": gaussians.log_scales[:, 2]}
+    columns |= {"rot_0": gaussians.quats[:, 0]}
+    found = read(tmp_path / "x.ply")
+    for name, values in columns.items():
+        np.testing.assert_array_equal(found[name].ravel(), values, err_msg=name)
 
 
 def test_points_have_the_colors_and_the_numbers_that_were_written(tmp_path):

@@ -12,19 +12,11 @@ from egosplat.export.gaussians import answer_members
 from egosplat.query.command import run
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
-from egosplat.viewing.command import open_page, page_options
+from egosplat.viewing.command import open_page
 from egosplat.viewing.options import PageOptions
-from tests.support.page_scene import contents_of, put_page_scene, write_page
+from tests.support.page_scene import contents_of
 
 GRADES = (FOUND, GUESS, NOT_FOUND)
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("results") / "scene1"
-    folder.mkdir()
-    put_page_scene(folder)
-    return folder
 
 
 def told_in_the_terminal(scene, words, output):
@@ -40,27 +32,24 @@ def told_in_the_terminal(scene, words, output):
     return found
 
 
-def test_every_word_has_one_answer(folder, tmp_path, monkeypatch):
-    scene = open_scene(folder, device="cpu")
-    facts, _ = contents_of(write_page(folder))
+def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
+    scene = open_scene(page_scene, device="cpu")
+    facts, _ = contents_of(page_scene / "scene.html")
     words, baked = facts["words"], facts["answers"]
     judged = scene.ask(*words)
     assert {answer.grade for answer in judged} >= {FOUND, NOT_FOUND} and len(words) > 40
     terminal = told_in_the_terminal(scene, words, tmp_path / "query.png")
-    _, served = open_page(folder, PageOptions(device="cpu"))
-    shown = []
-    monkeypatch.setattr(
-        movie, "_pictures", lambda _, some, side: shown.extend(some) or [(Image.new("RGB", (8, 8)), 1)]
-    )
+    _, served = open_page(page_scene, PageOptions(device="cpu"))
+    shown, picture = [], [(Image.new("RGB", (8, 8)), 1)]
+    monkeypatch.setattr(movie, "_pictures", lambda _, some, side: shown.extend(some) or picture)
     movie.run(scene, words, tmp_path / "x.webp", 64)
     assert {one.phrase for one in shown} == {answer.phrase for answer in judged if answer.things}
     for word, answer, page in zip(words, judged, baked, strict=True):
         frames = [thing.frame for thing in answer.things]
         assert terminal[word] == (answer.grade, frames), word
         assert (page["grade"], page["why"]) == (answer.grade, answer.refusal), word
-        assert [(one["frame"], one["rating"]) for one in page["things"]] == [
-            (thing.frame, thing.rating) for thing in answer.things
-        ]
+        rated = [(thing.frame, thing.rating) for thing in answer.things]
+        assert [(one["frame"], one["rating"]) for one in page["things"]] == rated
         reply = served(word)["answer"]
         assert (reply["grade"], reply["why"]) == (page["grade"], page["why"]), word
         assert [one["frame"] for one in reply["things"]] == frames
@@ -73,12 +62,3 @@ def test_every_word_has_one_answer(folder, tmp_path, monkeypatch):
                 answer_members(scene, word)
         else:
             np.testing.assert_array_equal(answer_members(scene, word), np.sort(answer.things[0].members))
-
-
-@pytest.mark.parametrize("model, min_score", [("small", 0.78), ("photos", 0.62), ("ViT-B-16", 0.0)])
-def test_a_page_is_asked_as_its_models_are_in_the_terminal(model, min_score):
-    features = SimpleNamespace(facts={"clip": {"model": model, "checkpoint": "x"}})
-    options = page_options(features, PageOptions(device="cpu"))
-    assert (options.min_score, options.clip_model) == (min_score, model)
-    assert options.min_score == PageOptions().suit(model).min_score
-    assert page_options(features, PageOptions(min_score=0.5)).min_score == 0.5

@@ -29,7 +29,6 @@ from tests.support.page_scene import (
     from_bytes,
     means_of,
     put_histories,
-    put_page_scene,
     scales_of,
     shares_of,
     wall,
@@ -37,31 +36,21 @@ from tests.support.page_scene import (
 )
 
 
-def test_arrays_and_facts_come_back():
-    """Every kind of number, also of no elements, and text with markup."""
-    rng = np.random.default_rng(0)
-    arrays = {
-        name: (rng.normal(0, 50, (3, 5)).clip(0, 100)).astype(name)
-        for name in ("uint8", "int8", "uint16", "float16", "float32")
-    }
-    arrays["none"] = np.zeros((0, 4), np.float32)
-    arrays["turned"] = arrays["uint16"].T
+def test_arrays_and_facts_come_back_and_a_number_that_is_not_finite_is_refused():
+    rng, kinds = np.random.default_rng(0), ("uint8", "int8", "uint16", "float16", "float32")
+    arrays = {name: rng.normal(0, 50, (3, 5)).clip(0, 100).astype(name) for name in kinds}
+    arrays |= {"none": np.zeros((0, 4), np.float32), "turned": arrays["uint16"].T}
     facts = {"title": "</script><b>"}
     found_facts, found = unpack(pack(facts, arrays))
     assert found_facts == facts
     for name, values in arrays.items():
         assert found[name].dtype == values.dtype
         np.testing.assert_array_equal(found[name], values)
-
-
-def test_a_number_that_is_not_finite_is_refused():
-    """When the page is made, not in the browser."""
     with pytest.raises(ValueError):
         pack({"number": float("nan")}, {})
 
 
 def test_gaussians_are_quantized_finely():
-    """Centers to a 65,535th of their block, scales to 2 % of each Gaussian, colors to a byte."""
     gaussians = wall()
     gaussians = gaussians.select(torch.from_numpy(spatial_order(gaussians.means.numpy())))
     arrays, facts = pack_gaussians(gaussians, 1)
@@ -84,30 +73,29 @@ def test_thinning_keeps_what_covers_most():
 
 
 def test_few_codes_are_kept_exactly_and_many_nearly():
-    """A palette holds up to 512 distinct codes; beyond that the error is small against the codes' spread."""
     rng = np.random.default_rng(0)
     few = rng.normal(size=(40, 6)).astype(np.float32)
     rows = few[rng.integers(40, size=900)]
-    entries = fit_palette(rows)
-    np.testing.assert_array_equal(entries[vq(rows, entries)[0]], rows)
     many = (few[rng.integers(40, size=9000)] + rng.normal(0, 0.05, (9000, 6))).astype(np.float32)
-    entries = fit_palette(many)
-    assert len(entries) <= 512
-    assert np.sqrt(((entries[vq(many, entries)[0]] - many) ** 2).mean()) < 0.05
+    for values, error in ((rows, 0), (many, 0.05)):
+        entries = fit_palette(values)
+        assert len(entries) <= 512
+        assert np.sqrt(((entries[vq(values, entries)[0]] - values) ** 2).mean()) <= error
 
 
-def test_a_gaussian_without_a_code_has_none_on_the_page():
-    """Shares that round to 0 stay above 0; a level without any code has an empty palette."""
+def test_a_gaussian_without_a_code_has_none_on_the_page_and_tracks_have_no_place_in_3d():
     code = np.eye(3, dtype=np.float32)[:, None].repeat(2, axis=1)
+    # Shares that round to 0 stay above 0; a level without any code has an empty palette.
     share = np.float32([[1, 0], [0.0001, 0], [0, 0]])
     arrays = pack_codes(code, share, Decoder((3,), np.zeros(0, np.float32)))
     assert arrays["code_share"].tolist() == [[255, 1, 0], [0, 0, 0]]
     assert not arrays["palette"][1].any()
     np.testing.assert_array_equal(arrays["palette"][0][arrays["code_index"][0, :2]], code[:2, 0])
+    tracks = SimpleNamespace(shape=lambda name: (0, 3))
+    assert pack_instances(tracks, np.zeros((4, 3), np.float32)) == {}
 
 
 def test_visible_shares_come_back_within_a_step():
-    """Shares of views to 3 %; those below the smallest are 0."""
     rng = np.random.default_rng(0)
     shares = np.exp(rng.uniform(np.log(1e-8), np.log(1e-2), (40, 50))).astype(np.float32)
     arrays, facts = pack_visibility(shares, np.arange(40) * 3)
@@ -121,30 +109,26 @@ def test_visible_shares_come_back_within_a_step():
     assert from_bytes(to_bytes(np.float32([0, 2]), SMALLEST), SMALLEST)[0] == 0
 
 
-def test_a_page_escapes_its_title_and_fits_together(tmp_path):
-    """Text of others is never markup, and the page asks for nothing outside of itself."""
-    put_page_scene(tmp_path)
-    page = write_page(tmp_path)
-    text = page.read_text()
+def test_a_page_escapes_its_title_and_asks_for_nothing_outside_of_itself(page_scene):
+    text = (page_scene / "scene.html").read_text()
     assert TITLE not in text and "&lt;/script&gt;" in text
     assert "http://" not in text and "https://" not in text and "<!--{" not in text
-    facts, arrays = contents_of(page)
+    facts, arrays = contents_of(page_scene / "scene.html")
     assert facts["title"] == TITLE and facts["trained_count"] == facts["count"] == 700
     assert arrays["poses"].shape == (4, 3, 4) and facts["frames"] == [0, 1, 2, 4]
     assert set(np.unique(arrays["instance"])) == {1, 2, 3, 4, 5, 6}
 
 
 @pytest.mark.parametrize("spans", [(), ((0, 1), (2, 4), (1, 1))])
-def test_rests_follow_what_stays(tmp_path, spans):
+def test_rests_follow_what_stays(tmp_path, page_scene, spans):
     """Protects queries on the page, which know the first Gaussians alone, and the times of the others."""
-    put_page_scene(tmp_path)
-    before = contents_of(write_page(tmp_path))
-    own = put_histories(tmp_path, spans)
-    facts, arrays = contents_of(write_page(tmp_path))
+    folder = shutil.copytree(page_scene, tmp_path / "scene")
+    before = contents_of(folder / "scene.html")
+    own = put_histories(folder, spans)
+    facts, arrays = contents_of(write_page(folder))
     assert facts["count"] == 700 and facts["drawn"] == 700 + own.count == arrays["opacity"].size
-    assert [(one["from"], one["until"], one["count"]) for one in facts["rests"]] == [
-        (0.1 * first, 0.1 * last, 4) for first, last in spans
-    ]
+    rests = [(one["from"], one["until"], one["count"]) for one in facts["rests"]]
+    assert rests == [(0.1 * first, 0.1 * last, 4) for first, last in spans]
     assert np.abs(means_of(facts, arrays)[700:] - own.means.numpy()).max(initial=0) < 1e-3
     for name in ("code_index", "code_share", "instance", "visible", "seen"):
         np.testing.assert_array_equal(arrays[name], before[1][name])
@@ -152,17 +136,10 @@ def test_rests_follow_what_stays(tmp_path, spans):
     assert [len(carries) for carries in facts["carried_things"]] == ([1] if spans else [])
 
 
-def test_tracks_have_no_place_in_3d():
-    """Instances that are tracks give no instance of a Gaussian."""
-
-    tracks = SimpleNamespace(shape=lambda name: (0, 3))
-    assert pack_instances(tracks, np.zeros((4, 3), np.float32)) == {}
-
-
-def test_a_scene_without_language_gets_one_line(tmp_path, capfd, monkeypatch):
-    """A scene that is half finished: the command names what lacks, without a traceback."""
-    put_page_scene(tmp_path)
-    shutil.rmtree(tmp_path / "language.zarr")
-    status, _, said = run_command(monkeypatch, capfd, "page", tmp_path)
+def test_a_scene_without_language_gets_one_line(tmp_path, page_scene, capfd, monkeypatch):
+    folder = shutil.copytree(
+        page_scene, tmp_path / "scene", ignore=lambda *_: ["language.zarr", "scene.html"]
+    )
+    status, _, said = run_command(monkeypatch, capfd, "page", folder)
     assert status == 2 and "language.zarr" in said and said.count("\n") == 1
-    assert not (tmp_path / "scene.html").exists()
+    assert not (folder / "scene.html").exists()

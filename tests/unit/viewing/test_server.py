@@ -2,9 +2,10 @@
 
 import http.client
 import json
+import shutil
 import socket
 import struct
-import threading
+from functools import partial
 from urllib.parse import quote, urlsplit
 
 import pytest
@@ -14,28 +15,16 @@ from egosplat.viewing.command import open_page
 from egosplat.viewing.html import data_of, unpack
 from egosplat.viewing.options import PageOptions
 from egosplat.viewing.server import PageServer
-from tests.support.page_scene import put_page_scene, write_page
+from tests.support.page_scene import TITLE, put_page_scene
 
 # Stands for a page: a served one may ask its server.
 PAGE = "<html lang=\"en\">default-src 'none';"
 
 
 @pytest.fixture
-def serve():
-    """``serve(host)``: a server that runs until the test ends; it answers a phrase with its length."""
-    running = []
-
-    def make(host):
-        server = PageServer(host, 0)
-        server.offer(PAGE, lambda phrase: {"vector": [len(phrase)]})
-        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
-        running.append(server)
-        return server
-
-    yield make
-    for server in running:
-        server.shutdown()
-        server.server_close()
+def start(serve):
+    """``start(host)``: a server that answers a phrase with its length."""
+    return partial(serve, PAGE, lambda phrase: {"vector": [len(phrase)]})
 
 
 def ask(server, path="/", **headers):
@@ -46,9 +35,8 @@ def ask(server, path="/", **headers):
     return reply.status, reply.read().decode()
 
 
-def test_a_served_page_may_ask_for_phrases(serve):
-    """It gets the address to ask, which is the one request that its policy allows."""
-    server = serve("127.0.0.1")
+def test_a_served_page_may_ask_for_phrases(start):
+    server = start()
     status, page = ask(server)
     assert status == 200 and "connect-src 'self';" in page
     path = page.partition('data-asking="')[2].partition('"')[0].replace("&amp;", "&")
@@ -97,9 +85,8 @@ ELSEWHERE += ("/ask/", "/%61sk?phrase=x", "/;x", "/%00", "/\\evil", "/[")
         ("/", [HOST, "X: " + "a" * 70000], 431),
     ],
 )
-def test_a_browser_alone_is_answered(serve, capfd, target, headers, status):
-    """What another page, or no browser, sends to this server gets nothing, and no traceback."""
-    server = serve("127.0.0.1")
+def test_a_browser_alone_is_answered(start, capfd, target, headers, status):
+    server = start()
     with socket.create_connection(("127.0.0.1", server.server_address[1]), timeout=30) as connection:
         lines = [f"GET {target} HTTP/1.1", *headers, "", ""]
         connection.sendall("\r\n".join(lines).encode("latin-1"))
@@ -107,9 +94,8 @@ def test_a_browser_alone_is_answered(serve, capfd, target, headers, status):
     assert capfd.readouterr().err == ""
 
 
-def test_a_browser_that_leaves_early_says_nothing(serve, capfd):
-    """It resets the connection before its answer."""
-    server = serve("127.0.0.1")
+def test_a_browser_that_leaves_early_says_nothing(start, capfd):
+    server = start()
     connection = socket.create_connection(("127.0.0.1", server.server_address[1]))
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     connection.sendall(b"GET / HT")
@@ -120,9 +106,9 @@ def test_a_browser_that_leaves_early_says_nothing(serve, capfd):
     assert capfd.readouterr().err == ""
 
 
-def test_the_address_of_ipv6_is_in_brackets(serve):
+def test_the_address_of_ipv6_is_in_brackets(start):
     try:
-        server = serve("::1")
+        server = start("::1")
     except UserError:
         pytest.skip("no IPv6 here")
     assert urlsplit(server.address).hostname == "::1" and not server.token
@@ -133,9 +119,8 @@ def test_the_address_of_ipv6_is_in_brackets(serve):
             assert connection.makefile("rb").readline().split()[1] == status
 
 
-def test_other_computers_need_the_token(serve):
-    """Where they reach the server, its address holds a secret, which the page passes on."""
-    server = serve("0.0.0.0")
+def test_other_computers_need_the_token(start):
+    server = start("0.0.0.0")
     address = urlsplit(server.address)
     assert address.hostname == socket.gethostname().lower() and len(server.token) > 20
     for query in ("", "?token=", "?token=x", f"?token={server.token}x", "?token=%C3%A9"):
@@ -149,38 +134,35 @@ def test_other_computers_need_the_token(serve):
     assert ask(server, f"/?{address.query}", Host="evil.example")[0] == 403
 
 
-def test_a_port_in_use_gives_one_line():
-    """The error names the port."""
+def test_a_port_in_use_is_named():
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UserError, match=f"--port {port}"):
             PageServer("127.0.0.1", port)
 
 
-def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, monkeypatch):
+def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, page_scene, monkeypatch):
     """Another option, other artifacts or a file of somebody else: the page is made, and the file stays."""
-    put_page_scene(tmp_path)
-    written = write_page(tmp_path, title="written").read_text()
-    assert open_page(tmp_path, PageOptions(device="cpu"))[0] == written
+    folder = shutil.copytree(page_scene, tmp_path / "scene")
+    written = (folder / "scene.html").read_text()
 
-    def title(**changes):
-        page, _ = open_page(tmp_path, PageOptions(device="cpu", **changes))
+    def served(**changes):
+        return open_page(folder, PageOptions(device="cpu", **changes))[0]
+
+    def title(page):
         return unpack(data_of(page))[0]["title"]
 
-    assert title(max_gaussians=5) != "written"
-    (tmp_path / "scene.html").write_text("<!DOCTYPE html>mine")
-    assert title() != "written"
-    (tmp_path / "scene.html").write_text(written)
+    assert served() == written and title(served(max_gaussians=5)) != TITLE
+    (folder / "scene.html").write_text("<!DOCTYPE html>mine")
+    assert title(served()) != TITLE
+    (folder / "scene.html").write_text(written)
     monkeypatch.setattr("tests.support.page_scene.WORDS", ("couch", "wall", "lamp"))
-    put_page_scene(tmp_path)
-    assert title() != "written" and (tmp_path / "scene.html").read_text() == written
+    put_page_scene(folder)
+    assert title(served()) != TITLE and (folder / "scene.html").read_text() == written
 
 
-def test_phrases_without_a_vector_get_a_reason(tmp_path):
-    """Words that the model was not trained on, and no words."""
-    put_page_scene(tmp_path)
-    write_page(tmp_path)
-    _, answer = open_page(tmp_path, PageOptions(device="cpu"))
+def test_phrases_without_a_vector_get_a_reason(page_scene):
+    _, answer = open_page(page_scene, PageOptions(device="cpu"))
     assert sum(value * value for value in answer("red couch")["vector"]) == pytest.approx(1)
     assert '"zeppelin"' in answer("zeppelin")["why"]
     assert "blank" in answer(" \u200b")["why"] and "no word" in answer("::")["why"]
