@@ -9,7 +9,6 @@ _WEBGL = "!!document.createElement('canvas').getContext('webgl2')"
 
 @pytest.mark.parametrize("size", [WIDE, PHONE])
 def test_the_browser_has_webgl_2(open_tab, size):
-    """The other tests of this folder draw with WebGL2, at both window sizes."""
     tab = open_tab(size)
     assert tab.page.evaluate(_WEBGL)
     assert tab.page.evaluate("[innerWidth, innerHeight]") == list(size)
