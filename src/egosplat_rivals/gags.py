@@ -14,7 +14,6 @@ from egosplat.language.options import LanguageOptions
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.loop import Layers, Step, Trainee, adam, fewer_iterations, train
-from egosplat_rivals.pixel_views import PixelViews
 
 # Published: numbers of a code, layers of both decoders, learning rates, and iterations.
 CHANNELS = 16
@@ -34,17 +33,12 @@ _STRIDE, _SMOOTHED = 2, 5
 def train_granular(
     views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
-    """Train codes, their decoder and the decoder that weighs the levels.
-
-    Raises:
-        UserError: there are not three levels, or training diverges.
-    """
+    """Train codes, their decoder and the one that weighs the levels (UserError: there are not three, or training diverges)."""
     if len(targets.levels) != 3:
         raise UserError(
             f"language.method = granular needs three levels, not {', '.join(targets.levels)}; set another models.set"
         )
-    pixels = PixelViews(views, options.pixels)
-    codes = GranularCodes(pixels, targets.uncompressed(), options)
+    codes = GranularCodes(views, targets.uncompressed(), options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     share = shares(views, lambda frame: targets.known(frame).all(dim=0, keepdim=True))
     stands_in = (
@@ -84,11 +78,8 @@ class Sample:
 def sample_regions(region: Tensor, count: int, draw: torch.Generator) -> Sample:
     """Draw about ``count`` pixels, equally many of each region, at least 2, none twice; if that is too many, regions, too.
 
-    The mean over regions of the mean over a region's drawn pixels has the expectation of that over all pixels, and
-    so has a region's variance.
-
-    Args:
-        region: (Q,) int64 region of each pixel, any numbers; negative for none. On the CPU.
+    The (Q,) int64 region of each pixel is any number, negative for none, on the CPU. The mean over regions of the mean over
+    a region's drawn pixels has the expectation of that over all pixels, and so has a region's variance.
     """
     inside = (region >= 0).nonzero()[:, 0]
     names, place, size = region[inside].unique(return_inverse=True, return_counts=True)
@@ -126,34 +117,36 @@ def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
 class GranularCodes(Trainee):
     """Codes, (N, 16), with two decoders: to features, and to the logits of the three levels' weights."""
 
-    advice = "use another run.seed"
-
-    def __init__(self, pixels: PixelViews, targets: CodeTargets, options: LanguageOptions) -> None:
+    def __init__(self, views: CodeViews, targets: CodeTargets, options: LanguageOptions) -> None:
         """Start from zero codes and random decoders."""
-        super().__init__()
-        device = pixels.views.device
-        self.code = nn.Parameter(torch.zeros(pixels.views.gaussians.count, CHANNELS, device=device))
+        super().__init__(views, options)
+        device = views.device
+        self.code = nn.Parameter(torch.zeros(views.gaussians.count, CHANNELS, device=device))
         self.decoder = Layers((CHANNELS, *HIDDEN, targets.channels), options.seed, device, skips=SKIPS)
         self.scales = Layers(SCALES, options.seed, device)
         self.optimizers = [
             adam([([self.code], _CODE_RATE)]),
             torch.optim.Adam([self.decoder.values, self.scales.values], lr=_LAYER_RATE),
         ]
-        self._pixels, self._targets, self._half = pixels, targets, options.iterations / 2
+        self._targets, self._half = targets, options.iterations / 2
 
     def loss(self, step: Step) -> Tensor:
         """Return the region-balanced L1, the entropy of the levels' weights, and in the second half the variance."""
-        camera, frame = self._pixels.views.camera, self._pixels.frame(step.view)
-        grid = _grid(camera.width, camera.height)
-        labels = self._targets.labels(frame)[:, ::_STRIDE, ::_STRIDE]
+        labels = self._targets.labels(self.frame(step.view))[:, ::_STRIDE, ::_STRIDE]
+        rows, columns = (
+            torch.arange(0, self.views.camera.height, _STRIDE),
+            torch.arange(0, self.views.camera.width, _STRIDE),
+        )
+        pixels = torch.cartesian_prod(rows, columns).flip(1)
         with torch.no_grad():
-            coarse = self._pixels.renderer(step.view, grid.flatten(0, 1))(self.code)
-            region = regions(self.weights(coarse).unflatten(0, grid.shape[:2]), labels)
-        sample = sample_regions(region.flatten().cpu(), self._pixels.count, step.draw)
-        rendered = self._pixels.renderer(step.view, grid.flatten(0, 1)[sample.pixel])(self.code)
+            coarse = self.render(step.view, pixels, self.code)
+            region = regions(self.weights(coarse).unflatten(0, labels.shape[1:]), labels)
+        sample = sample_regions(region.flatten().cpu(), self.pixels, step.draw)
+        pixels, labels = pixels[sample.pixel], labels.flatten(1)[:, sample.pixel]
+        rendered = self.render(step.view, pixels, self.code)
         later = step.iteration > self._half
-        loss = self._balanced(step.view, rendered, labels.flatten(1)[:, sample.pixel], grid, sample)
-        drawn = torch.randint(len(coarse), (self._pixels.count,), generator=step.draw)
+        loss = mean_over_regions(self._errors(step.view, rendered, labels, pixels), sample)
+        drawn = torch.randint(len(coarse), (self.pixels,), generator=step.draw)
         loss = loss + ENTROPY[later] * entropy(self.weights(coarse[drawn]))
         return loss + VARIANCE * variance_within(rendered, sample, len(coarse)) if later else loss
 
@@ -161,15 +154,14 @@ class GranularCodes(Trainee):
         """(..., 16) -> (..., 3) weights of the levels; the codes get no gradient."""
         return self.scales(rendered.detach()).softmax(dim=-1)
 
-    def _balanced(self, view: int, rendered: Tensor, labels: Tensor, grid: Tensor, sample: Sample) -> Tensor:
-        features, known = self._targets.of_labels(self._pixels.frame(view), labels)
+    def _errors(self, view: int, rendered: Tensor, labels: Tensor, pixels: Tensor) -> Tensor:
+        """(S,) L1 of (S, 2) pixels."""
+        features, known = self._targets.of_labels(self.frame(view), labels)
         target = weighted_target(self.weights(rendered), features, known)
         decoded = F.normalize(self.decoder(rendered), dim=-1)
         error = (decoded - target).abs().mean(dim=1) * known.all(dim=0)
-        if (weight := self._pixels.views.weight(view)) is not None:
-            columns, rows = grid.flatten(0, 1)[sample.pixel].T
-            error = error * weight[rows, columns]
-        return mean_over_regions(error, sample)
+        weight = self.views.weight(view)
+        return error if weight is None else error * weight[pixels[:, 1], pixels[:, 0]]
 
 
 def regions(weights: Tensor, labels: Tensor) -> Tensor:
@@ -177,12 +169,6 @@ def regions(weights: Tensor, labels: Tensor) -> Tensor:
     smooth = F.avg_pool2d(weights.movedim(-1, 0)[None], _SMOOTHED, 1, _SMOOTHED // 2, count_include_pad=False)
     level = smooth[0].argmax(dim=0)
     return labels.gather(0, level[None])[0]
-
-
-def _grid(width: int, height: int) -> Tensor:
-    """(h, w, 2) column and row of every second pixel."""
-    rows, columns = torch.arange(0, height, _STRIDE), torch.arange(0, width, _STRIDE)
-    return torch.stack(torch.meshgrid(columns, rows, indexing="xy"), dim=-1)
 
 
 METHOD = Method(train_granular, masks="{} in place of SAM")

@@ -2,6 +2,7 @@
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.language.lifting import shares
@@ -24,55 +25,45 @@ _FIRST_NORM = 0.1
 def train_codes(
     views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
-    """Method ``train_codes``: codes by gradient descent, from the last checkpoint if there is one; shares of ``shares``.
-
-    Raises:
-        UserError: training diverges.
-    """
-    share = shares(views, targets.known)
+    """Method ``train_codes``: codes by gradient descent, from the last checkpoint if there is one (UserError: it diverges)."""
     codes = PlainCodes(views, (len(targets.levels), targets.channels), options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
+    stands_in = fewer_iterations(options.iterations, _ITERATIONS)
+    if options.normalize_codes:
+        stands_in += ("random codes at the start in place of 0",)
     # Stored as they are rendered, so that queries need not know whether codes are normalized.
-    code = codes_to_render(codes.code.detach(), options.normalize_codes)
-    start = "random codes at the start in place of 0"
-    stands_in = (
-        *fewer_iterations(options.iterations, _ITERATIONS),
-        *([start] if options.normalize_codes else []),
-    )
+    code, share = codes_to_render(codes.code.detach(), options.normalize_codes), shares(views, targets.known)
     return Coded(code, share, targets.levels, curve=curve, stands_in=stands_in)
 
 
 class PlainCodes(Trainee):
-    """Codes that render as they are.
+    """Codes, (N, L, C), that render as they are."""
 
-    Attributes:
-        code: (N, L, C).
-    """
+    advice = "lower language.lr"
 
     def __init__(self, views: CodeViews, shape: tuple[int, int], options: LanguageOptions) -> None:
         """Start from codes of ``shape`` (L, C): 0 as in LangSplat, or short random ones that are normalized."""
-        super().__init__()
+        super().__init__(views, options)
         first = torch.zeros(views.gaussians.count, *shape)
         if options.normalize_codes:
             random = torch.Generator().manual_seed(options.seed)
             first = _FIRST_NORM * codes_to_render(first.normal_(generator=random), True)
         self.code = nn.Parameter(first.to(views.device))
         self.optimizers = [adam([([self.code], options.lr)])]
-        self._views, self._normalize = views, options.normalize_codes
+        self._normalize = options.normalize_codes
 
     def loss(self, step: Step) -> Tensor:
         """Return the L1 loss of the whole image."""
-        views, index = self._views, step.view
-        targets = views.targets(int(views.frame[index]))
+        targets = self.views.targets(self.frame(step.view))
         values = codes_to_render(self.code, self._normalize).flatten(1)
-        image, _ = composite(views.view(index), values)
+        image, _ = composite(self.views.view(step.view), values)
         codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
-        return code_l1(codes, targets, views.weight(index))
+        return code_l1(codes, targets, self.views.weight(step.view))
 
 
 def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
     """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
-    return torch.nn.functional.normalize(code, dim=-1) if normalize_codes else code
+    return F.normalize(code, dim=-1) if normalize_codes else code
 
 
 METHOD = Method(train_codes, masks="{} in place of SAM")

@@ -16,7 +16,6 @@ from egosplat.language.options import LanguageOptions
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.loop import Step, Trainee, adam, fewer_iterations, train
-from egosplat_rivals.pixel_views import PixelViews
 
 # Published: words of the codebook, and words in a code.
 WORDS, CHOSEN = 64, 4
@@ -31,15 +30,10 @@ _ROUNDS = 20
 def train_mixtures(
     views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
-    """Train coefficients and the codebook; an iteration trains one level, in turn.
-
-    Raises:
-        UserError: no view has a feature, or training diverges.
-    """
+    """Train coefficients and the codebook, a level an iteration in turn (UserError: no view has a feature, or it diverges)."""
     features = targets.uncompressed()
     words = torch.from_numpy(codebook(features.rows, options.seed)).to(views.device)
-    pixels = PixelViews(views, options.pixels)
-    codes = SparseCodes(pixels, features, words, options.lr)
+    codes = SparseCodes(views, features, words, options)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     share = shares(views, targets.known)
     stands_in = (
@@ -71,20 +65,27 @@ def coefficients(logits: Tensor) -> Tensor:
 class SparseCodes(Trainee):
     """Logits of each level, L of (N, K), from zeros, and the (K, D) words of the codebook."""
 
-    def __init__(self, pixels: PixelViews, targets: CodeTargets, words: Tensor, lr: float) -> None:
-        """Start from a codebook; ``lr`` is that of logits and codebook."""
-        super().__init__()
+    advice = "lower language.lr"
+
+    def __init__(
+        self, views: CodeViews, targets: CodeTargets, words: Tensor, options: LanguageOptions
+    ) -> None:
+        """Start from a codebook."""
+        super().__init__(views, options)
         self.words = nn.Parameter(words)
-        zeros = words.new_zeros(pixels.views.gaussians.count, len(words))
+        zeros = words.new_zeros(views.gaussians.count, len(words))
         self.logits = nn.ParameterList([nn.Parameter(zeros.clone()) for _ in targets.levels])
-        self.optimizers = [adam([(self.logits, lr)]), torch.optim.Adam([self.words], lr=lr)]
-        self._pixels, self._targets = pixels, targets
+        self.optimizers = [
+            adam([(self.logits, options.lr)]),
+            torch.optim.Adam([self.words], lr=options.lr),
+        ]
+        self._targets = targets
 
     def loss(self, step: Step) -> Tensor:
         """Return the mean of 1 - cosine; pixels without a feature count 0."""
-        level, frame = step.iteration % len(self.logits), self._pixels.frame(step.view)
-        pixels, weight = self._pixels.draw(step.view, step.draw)
-        rendered = self._pixels.renderer(step.view, pixels)(coefficients(self.logits[level]))
+        level, frame = step.iteration % len(self.logits), self.frame(step.view)
+        pixels, weight = self.draw_pixels(step)
+        rendered = self.render(step.view, pixels, coefficients(self.logits[level]))
         labels = self._targets.labels(frame)[level][pixels[:, 1], pixels[:, 0]]
         wanted, known = self._targets.of_labels(frame, labels)
         cosine = F.cosine_similarity(rendered @ self.words, wanted, dim=-1)

@@ -17,7 +17,6 @@ from egosplat.language.options import LanguageOptions
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 from egosplat_rivals.loop import Layers, Step, Trainee, adam, fewer_iterations, train
-from egosplat_rivals.pixel_views import PixelViews
 from egosplat_rivals.tile_views import TileViews, nearest
 
 # Published: numbers of a code, hidden layers of its decoder, and layers of the network of positions.
@@ -55,16 +54,10 @@ _WORD_RATE, _WORD_DECAY, _LAST, _PASSES = 1e-4, 0.01, 0.1, 1000
 def train_indices(
     views: CodeViews, tiles: TileViews, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
-    """Train the codebook, then codes with the decoder of indices; the curve has both, one after the other.
-
-    Raises:
-        UserError: a view has no tiles, or training diverges.
-    """
+    """Train the codebook, then codes with the decoder of indices; the curve has both (UserError: no tiles, or it diverges)."""
     tiles.check_has(views.frame)
-    pixels = PixelViews(views, options.pixels)
-    codes = QuantizedCodes(pixels, tiles, options.seed)
-    total = codes.first_phase + options.iterations
-    curve = train(codes, len(views), total, options.seed, checkpoint)
+    codes = QuantizedCodes(views, tiles, options)
+    curve = train(codes, len(views), codes.first_phase + options.iterations, options.seed, checkpoint)
     share = shares(views, evaluate_everywhere(views))
     stands_in = (
         tiles.stands_in,
@@ -92,27 +85,19 @@ def smoothing(codes: Tensor, predicted: Tensor, uncertainty: Tensor) -> Tensor:
 
 
 class QuantizedCodes(Trainee):
-    """A codebook, then codes with uncertainty and the decoder of indices.
+    """A codebook for ``first_phase`` iterations, then codes, (N, 8), with (N,) logits of their uncertainty.
 
-    Attributes:
-        code: (N, 8), random at first.
-        uncertainty: (N,) logits.
-        codebook: of features.
-        decoder: from codes to logits of the words.
-        positions: from positions to codes, for smoothness.
-        first_phase: iterations of the codebook alone.
+    ``decoder`` is from codes to logits of the words, ``positions`` from positions to codes, for smoothness.
     """
 
-    advice = "use another run.seed"
-
-    def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
+    def __init__(self, views: CodeViews, tiles: TileViews, options: LanguageOptions) -> None:
         """Start from random numbers."""
-        super().__init__()
-        gaussians, device = pixels.views.gaussians, pixels.views.device
+        super().__init__(views, options)
+        count, device, seed = views.gaussians.count, views.device, options.seed
         draw = torch.Generator().manual_seed(seed)
-        self.code = nn.Parameter(torch.randn(gaussians.count, CHANNELS, generator=draw).to(device))
+        self.code = nn.Parameter(torch.randn(count, CHANNELS, generator=draw).to(device))
         start = math.log(_UNCERTAIN / (1 - _UNCERTAIN))
-        self.uncertainty = nn.Parameter(torch.full((gaussians.count,), start, device=device))
+        self.uncertainty = nn.Parameter(torch.full((count,), start, device=device))
         self.codebook = Codebook(tiles.channels, tiles.components, draw).to(device)
         widths = (CHANNELS, *HIDDEN, len(self.codebook.words))
         self.decoder = Layers(widths, seed, device, unit_input=True)
@@ -123,18 +108,21 @@ class QuantizedCodes(Trainee):
             torch.optim.AdamW([self.decoder.values], lr=_LAYER_RATE, weight_decay=_DECAY),
             torch.optim.AdamW([self.positions.values], lr=_LAYER_RATE),
         ]
-        self._pixels, self._tiles = pixels, tiles
+        self._tiles = tiles
         self._indices: dict[int, Tensor] = {}
-        self.first_phase = _EPOCHS * math.ceil(len(pixels.views) / _BATCH)
+        self.first_phase = _EPOCHS * math.ceil(len(views) / _BATCH)
 
     def loss(self, step: Step) -> Tensor:
         """Return the codebook's loss in the first phase, then that of the codes."""
         if step.iteration <= self.first_phase:
-            return self._codebook_loss(step)
-        pixels, weight = self._pixels.draw(step.view, step.draw)
-        codes, uncertainty = self._rendered(step.view, pixels)
+            chosen = torch.randint(len(self._pool), (self.pixels,), generator=step.draw)
+            self.codebook.set_rate(step.iteration * _EPOCHS / self.first_phase)
+            return self.codebook.loss(self._pool[chosen].to(self.code.device))
+        pixels, weight = self.draw_pixels(step)
+        values = torch.cat([self.code, self.uncertainty.sigmoid()[:, None]], dim=1)
+        codes, uncertainty = self.render(step.view, pixels, values).split([CHANNELS, 1], dim=1)
         entropy = F.cross_entropy(self.decoder(codes), self._index(step.view, pixels), reduction="none")
-        loss = uncertain_loss(entropy * weight, uncertainty)
+        loss = uncertain_loss(entropy * weight, uncertainty[:, 0])
         return loss + self._smoothing(step.draw) if step.iteration % _SMOOTH_EVERY == 0 else loss
 
     def stored(self) -> Decoder:
@@ -144,64 +132,51 @@ class QuantizedCodes(Trainee):
         after = ("relu",) * len(HIDDEN) + ("softmax", "none")
         return Decoder((*decoder.widths, words.shape[1]), torch.cat(values).numpy(), after, unit_input=True)
 
-    def _codebook_loss(self, step: Step) -> Tensor:
-        chosen = torch.randint(len(self._pool), (self._pixels.count,), generator=step.draw)
-        self.codebook.set_rate(step.iteration * _EPOCHS / self.first_phase)
-        return self.codebook.loss(self._pool[chosen].to(self.code.device))
-
     @cached_property
     def _pool(self) -> Tensor:
         """(R, D + K) features of all views, about ``_POOL`` of them. They are equal after a kill."""
-        views, draw = self._pixels.views, torch.Generator().manual_seed(0)
-        few, rows = max(1, _POOL // len(views)), []
-        for view in track(range(len(views)), "mixing tiles", unit="view"):
-            features = dense_features(self._tiles, self._pixels.frame(view), views.camera).flatten(0, 1)
+        draw, count = torch.Generator().manual_seed(0), len(self.views)
+        few, rows = max(1, _POOL // count), []
+        for view in track(range(count), "mixing tiles", unit="view"):
+            features = dense_features(self._tiles, self.frame(view), self.views.camera).flatten(0, 1)
             rows.append(features[torch.randperm(len(features), generator=draw)[:few]])
         return torch.cat(rows)
-
-    def _rendered(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor]:
-        """(P, 8) codes and (P,) uncertainty."""
-        values = torch.cat([self.code, self.uncertainty.sigmoid()[:, None]], dim=1)
-        rendered = self._pixels.renderer(view, pixels)(values)
-        return rendered[:, :CHANNELS], rendered[:, CHANNELS]
 
     @torch.no_grad()
     def _index(self, view: int, pixels: Tensor) -> Tensor:
         """(P,) index of the word at each pixel. A view's are kept, because words do not change after the first phase."""
-        camera = self._pixels.views.camera
+        camera = self.views.camera
         if view not in self._indices:
-            features = dense_features(self._tiles, self._pixels.frame(view), camera).to(self.code.device)
+            features = dense_features(self._tiles, self.frame(view), camera).to(self.code.device)
             self._indices[view] = self.codebook.indices(features.flatten(0, 1)).view(features.shape[:2])
         return nearest(self._indices[view], pixels.to(self.code.device), camera.width, camera.height)
 
     def _smoothing(self, draw: torch.Generator) -> Tensor:
-        means = self._pixels.views.gaussians.means
-        chosen = torch.randint(len(means), (self._pixels.count,), generator=draw)
+        means = self.views.gaussians.means
+        chosen = torch.randint(len(means), (self.pixels,), generator=draw)
         predicted = self.positions(means[chosen])
         return smoothing(self.code[chosen], predicted, self.uncertainty[chosen].sigmoid())
 
 
 def mixture(tiles: list[Tensor]) -> Tensor:
-    """(rows, columns, D) sum of the first six scales at the grid of the first, nearest, divided by seven.
+    """(rows, columns, D) sum of the first six of (rows, columns, D) scales at the first's grid, divided by seven."""
+    rows, columns, _ = tiles[0].shape
+    grids = torch.stack([_resized(tile.float(), rows, columns) for tile in tiles[:MIXED]])
+    return grids.sum(dim=0).movedim(0, -1) / _DIVISOR
 
-    Args:
-        tiles: (rows, columns, D) of each scale.
-    """
-    size = tuple(tiles[0].shape[:2])
-    grids = [
-        F.interpolate(one.float().movedim(-1, 0)[None], size, mode="nearest")[0] for one in tiles[:MIXED]
-    ]
-    return torch.stack(grids).sum(dim=0).movedim(0, -1) / _DIVISOR
+
+def _resized(image: Tensor, rows: int, columns: int) -> Tensor:
+    """(C, rows, columns) nearest of (h, w, C)."""
+    return F.interpolate(image.movedim(-1, 0)[None], (rows, columns), mode="nearest")[0]
 
 
 def dense_features(tiles: TileViews, frame: int, camera: Camera) -> Tensor:
     """(60, columns, D + K) features of a frame: the mixture of its tiles, and the regulariser; the pixels are square."""
-    size = (ROWS, max(1, round(ROWS * camera.width / camera.height)))
     parts = [mixture([tiles.read(frame, number) for number in range(MIXED)])]
     if (regulariser := tiles.regulariser(frame)) is not None:
         parts.append(regulariser)
-    resized = [F.interpolate(one.movedim(-1, 0)[None], size, mode="nearest")[0] for one in parts]
-    return torch.cat(resized).movedim(0, -1)
+    columns = max(1, round(ROWS * camera.width / camera.height))
+    return torch.cat([_resized(image, ROWS, columns) for image in parts]).movedim(0, -1)
 
 
 class Codebook(nn.Module):
@@ -227,10 +202,8 @@ class Codebook(nn.Module):
 
     def loss(self, features: Tensor) -> Tensor:
         """() distance from the chosen words, plus a term that is least if all words are chosen alike."""
-        likeness = self.likeness(features)
-        most = 1 + (REGULARISER if self._sizes[1] else 0)
-        distance = most - likeness.amax(dim=1).mean()
-        return distance + _EVEN * even_use(likeness)
+        likeness, most = self.likeness(features), 1 + (REGULARISER if self._sizes[1] else 0)
+        return most - likeness.amax(dim=1).mean() + _EVEN * even_use(likeness)
 
     def set_rate(self, passes: float) -> None:
         """Set the learning rate after a number of passes over all images."""

@@ -18,7 +18,6 @@ from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import pixel_lists
 from egosplat_rivals.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
 from egosplat_rivals.loop import Layers, Step, Trainee, fewer_iterations, train
-from egosplat_rivals.pixel_views import PixelViews
 from egosplat_rivals.tile_views import TileViews, nearest
 
 # Published: hidden layers of the features' and the regulariser's network, the learning rate and where it ends, decay,
@@ -50,12 +49,10 @@ def train_field(
 ) -> Coded:
     """Train the field at the depths that the Gaussians show, then evaluate it at their centers, at several scales.
 
-    Raises:
-        UserError: a view has no tiles, or training diverges.
+    UserError if a view has no tiles, or training diverges.
     """
     tiles.check_has(views.frame)
-    pixels = PixelViews(views, options.pixels)
-    trained = Field(pixels, tiles, options.seed)
+    trained = Field(views, tiles, options)
     curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
     scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=views.device)
     code, decoder = evaluate_at_centers(trained, views.gaussians.means, scales, CHANNELS)
@@ -102,26 +99,23 @@ def input_scale(scale: Tensor, distance: Tensor, height: int, focal: float) -> T
 class Field(Trainee):
     """Features by position and scale, from a grid of positions; and a regulariser by position, or None."""
 
-    advice = "use another run.seed"
-
-    def __init__(self, pixels: PixelViews, tiles: TileViews, seed: int) -> None:
+    def __init__(self, views: CodeViews, tiles: TileViews, options: LanguageOptions) -> None:
         """Start from random weights."""
-        super().__init__()
-        width = len(RESOLUTIONS) * FEATURES
-        draw, cpu = torch.Generator().manual_seed(seed), torch.device("cpu")
-        self.grid = HashGrid(draw)
+        super().__init__(views, options)
+        width, seed, cpu = len(RESOLUTIONS) * FEATURES, options.seed, torch.device("cpu")
+        self.grid = HashGrid(torch.Generator().manual_seed(seed))
         self.features = Layers((width + 1, *HIDDEN, tiles.channels), seed, cpu)
         self.regulariser = None
         if tiles.components:
             self.regulariser = Layers((width, *REGULARISED, tiles.components), seed + 1, cpu)
-        self.to(pixels.views.device)
+        self.to(views.device)
         networks = [part for name, part in self.named_parameters() if not name.startswith("grid")]
         self.optimizers = [
             torch.optim.SparseAdam([self.grid.table], lr=_FIRST_RATE, eps=_EPSILON),
             torch.optim.RAdam(networks, lr=_FIRST_RATE, eps=_EPSILON, weight_decay=_DECAY),
         ]
-        self.world = World(pixels.views.camera_to_world, pixels.views.device)
-        self._pixels, self._tiles = pixels, tiles
+        self.world = World(views.camera_to_world, views.device)
+        self._tiles = tiles
 
     def forward(self, points: Tensor, scale: Tensor) -> Tensor:
         """Return (P, D) features of unit norm at (P, 3) points [m] and (P,) scales."""
@@ -132,12 +126,12 @@ class Field(Trainee):
         for optimizer in self.optimizers:
             rate = exponential(_FIRST_RATE, _LAST_RATE, _RATE_STEPS, step.iteration)
             optimizer.param_groups[0]["lr"] = rate
-        pixels, _ = self._pixels.draw(step.view, step.draw)
+        pixels, _ = self.draw_pixels(step)
         points, distance, shown = self._surface(step.view, pixels)
         pixels = pixels[shown]
         number = torch.randint(len(self._tiles.scales) - 1, (len(pixels),), generator=step.draw)
         part = torch.rand(len(pixels), generator=step.draw)
-        frame, camera = self._pixels.frame(step.view), self._pixels.views.camera
+        frame, camera = self.frame(step.view), self.views.camera
         wanted = self._tiles.between(frame, pixels, number, part)
         scale = (number + part) / (len(self._tiles.scales) - 1)
         hashed = self.grid(contract(self.world.local(points)))
@@ -154,9 +148,8 @@ class Field(Trainee):
 
     def _surface(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The points [m] at the median depth of pixels, their distances from the camera [m], and which pixels have one."""
-        views = self._pixels.views
-        gaussians, camera, pose = views.gaussians, views.camera, views.camera_to_world[view]
-        shown = pixel_lists(views.view(view), pixels)
+        gaussians, camera, pose = self.views.gaussians, self.views.camera, self.views.camera_to_world[view]
+        shown = pixel_lists(self.views.view(view), pixels)
         inverse = torch.from_numpy(invert(pose))
         depth = median_depths(*shown, gaussians.means.cpu().double() @ inverse[2, :3] + inverse[2, 3])
         seen = depth.isfinite()

@@ -15,7 +15,10 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.language.decoder import Decoder, apply_layers, split_layers
 from egosplat.language.method import Curve
+from egosplat.language.options import LanguageOptions
+from egosplat.language.views import CodeViews
 from egosplat.progress import log, track
+from egosplat.rasterize.view import pixel_renderer
 
 # Iterations per record. Checkpoints are written at records only.
 RECORD_EVERY = 10
@@ -31,14 +34,44 @@ class Step:
 
 
 class Trainee(nn.Module, ABC):
-    """What a method trains: parameters, their optimizers, and the loss of an iteration; advice if it diverges."""
+    """What a method trains on V views: parameters, their optimizers, and the loss of an iteration; advice if it diverges."""
 
     optimizers: list[torch.optim.Optimizer]
-    advice = "lower language.lr"
+    advice = "use another run.seed"
+
+    def __init__(self, views: CodeViews, options: LanguageOptions) -> None:
+        """Take views, in each of which ``options.pixels`` are drawn where not the whole image is compared."""
+        super().__init__()
+        self.views, self.pixels = views, options.pixels
 
     @abstractmethod
     def loss(self, step: Step) -> Tensor:
         """Return the () loss of an iteration; may set learning rates."""
+
+    def frame(self, view: int) -> int:
+        """Index of a view in frames.zarr."""
+        return int(self.views.frame[view])
+
+    def draw_pixels(self, step: Step) -> tuple[Tensor, Tensor]:
+        """Draw pixels that show the scene, each independently of the others: their expected loss is the whole image's.
+
+        Returns (P, 2) int64 columns and rows on the CPU, and their (P,) float32 weights, see ``CodeViews.weight``.
+        """
+        weight, camera = self.views.weight(step.view), self.views.camera
+        if weight is None:
+            size = torch.tensor([camera.width, camera.height])
+            pixels = (torch.rand(self.pixels, 2, generator=step.draw) * size).long()
+            return pixels, torch.ones(self.pixels, device=self.views.device)
+        allowed = weight.cpu().flatten().nonzero()[:, 0]
+        if not len(allowed):
+            return torch.zeros(0, 2, dtype=torch.int64), weight.new_zeros(0)
+        chosen = allowed[torch.randint(len(allowed), (self.pixels,), generator=step.draw)]
+        pixels = torch.stack([chosen % camera.width, chosen // camera.width], dim=1)
+        return pixels, weight.flatten()[chosen.to(weight.device)]
+
+    def render(self, view: int, pixels: Tensor, values: Tensor) -> Tensor:
+        """(P, C) of (N, C) values of the Gaussians at (P, 2) pixels of a view."""
+        return pixel_renderer(self.views.view(view), pixels)(values)
 
 
 class Layers(nn.Module):

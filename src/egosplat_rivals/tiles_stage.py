@@ -24,7 +24,7 @@ from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.sam2_loader import Sam2, load_sam2
 from egosplat.progress import log, track
 from egosplat_rivals.options import TilesOptions
-from egosplat_rivals.tiles import Scale, pyramid
+from egosplat_rivals.tile_views import Scale, pyramid
 
 Pixels = NDArray[np.uint8]
 Halves = NDArray[np.float16]

@@ -31,9 +31,7 @@ from egosplat.query.views import Asker
 from egosplat_rivals import loop
 from egosplat_rivals.lerf import Field, evaluate_at_centers
 from egosplat_rivals.loop import train
-from egosplat_rivals.pixel_views import PixelViews
-from egosplat_rivals.tile_views import TileViews
-from egosplat_rivals.tiles import pyramid
+from egosplat_rivals.tile_views import TileViews, pyramid
 from tests.support.scenes import camera_facts, put, put_scene
 from tests.unit.conftest import RENDERING
 from tests.unit.language.conftest import CAMERA, CLUSTERED, FRAME_COUNT, HELD_OUT, SIZE, open_features
@@ -240,7 +238,7 @@ def test_methods_from_tiles_say_which_frame_lacks_them(scene, checkpoint):
 
 def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene, camera_to_world, checkpoint):
     """Codes rendered from all Gaussians of a pixel against the field at the pixel's surface."""
-    trained = Field(PixelViews(scene.views, PIXELS), scene.tiles, 0)
+    trained = Field(scene.views, scene.tiles, options_of("field"))
     train(trained, len(scene.views), 60, 0, checkpoint)
     scales = torch.tensor([0.0, 0.5])
     code, decoder = evaluate_at_centers(trained, scene.gaussians.means, scales, 6)

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from egosplat_rivals.tiles import at_pixels, pyramid
+from egosplat_rivals.tile_views import at_pixels, pyramid
 
 TABLE = [
     (25, 25, 21),

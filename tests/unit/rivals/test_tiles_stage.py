@@ -12,7 +12,7 @@ from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat_rivals import tiles_stage as stage
-from egosplat_rivals.tiles import pyramid
+from egosplat_rivals.tile_views import pyramid
 from egosplat_rivals.tiles_stage import principal_components
 
 KEYS = {"regulariser": "none", "sam2_config": "small", "sam2_checkpoint": "small"}
