@@ -9,7 +9,7 @@ from egosplat.errors import UserError
 from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import Cell, ScoredScene
-from egosplat_rivals.tables.paper_tables import average_chance
+from egosplat_rivals.tables.paper_tables import average
 
 # Name and query group of the scores in a table.
 SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), ("mean_iou", "all"))
@@ -34,7 +34,7 @@ def format_score(cell: Cell) -> str:
 def chance(scenes: Sequence[ScoredScene]) -> str:
     """A sentence with the accuracy of blind answers over all queries, averaged over scenes."""
     named = {str(number): scene for number, scene in enumerate(scenes)}
-    shares = {name: average_chance(named, key, "all").percent for key, name in CHANCE.items()}
+    shares = {name: average(named, key, "all").percent for key, name in CHANCE.items()}
     parts = (f"{name} {'-' if percent is None else f'{percent:.1f} %'}" for name, percent in shares.items())
     return f"Found by chance: {', '.join(parts)}."
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from egosplat.alarms.table import Alarm
 from egosplat.errors import UserError
 from egosplat.evaluation.document import describe_models, one_line
 from egosplat.evaluation.intervals import Clusters, cluster
+from egosplat.evaluation.scores import CHANCE
 from egosplat.models.suitability import BRIEF
 from egosplat.pipeline.validation import read_document
 
@@ -40,21 +40,8 @@ _NAME = re.compile(r"(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)(?:, (?P<v
 
 
 @dataclass(frozen=True)
-class Model:
-    """A model used for a scene: configuration key, file name and content hash of its checkpoint; whether it is small."""
-
-    key: str
-    checkpoint: str
-    hash: str
-    small: bool
-
-
-@dataclass(frozen=True)
 class Cell:
-    """A score [%] with the bounds of its interval, and of a measured one the numbers of queries and categories.
-
-    ``scenes`` are those of a measured average.
-    """
+    """A score [%] with the bounds of its interval, of a measured one its queries and categories, of an average its scenes."""
 
     percent: float | None = None
     interval: tuple[float, float] | None = None
@@ -65,14 +52,17 @@ class Cell:
 
 @dataclass(frozen=True, eq=False)
 class ScoredScene:
-    """A scene's scores; ``method`` is the name of another method, or None for EgoSplat."""
+    """A scene's scores; ``method`` is the name of another method, or None for EgoSplat.
+
+    ``models`` has for each model the configuration key, file name and content hash of its checkpoint.
+    """
 
     path: Path
     dataset: str
     scene: str
     variant: str
     method: str | None
-    models: tuple[Model, ...]
+    models: tuple[str, ...]
     document: Mapping[str, Any]
 
     @property
@@ -85,20 +75,14 @@ class ScoredScene:
         """Whether it is one of ``VALIDATION``."""
         return (self.dataset, self.origin) == ("adt", "synthetic") and self.scene in VALIDATION
 
-    @property
-    def alarms(self) -> list[Alarm]:
-        """The alarms of the scene's stages, in their order."""
-        return [Alarm(**alarm) for alarm in self.document["alarms"]]
-
     def cell(self, metric: str, group: str) -> Cell:
-        """A score in percent, with its interval if it has one."""
+        """A score in percent, with its interval if it has one; or the accuracy of one of ``CHANCE``, alone."""
         score = self.document["scores"][group]
+        percent = None if score[metric] is None else 100 * score[metric]
+        if metric in CHANCE:
+            return Cell(percent)
         interval = percent_bounds(score[f"{metric}_interval"])
-        return Cell(_percent(score[metric]), interval, score["count"], score["categories"])
-
-    def chance(self, answerer: str, group: str) -> Cell:
-        """The accuracy [%] of one of ``CHANCE`` on the queries of a group."""
-        return Cell(_percent(self.document["scores"][group][answerer]))
+        return Cell(percent, interval, score["count"], score["categories"])
 
     def clusters(self, metric: str, group: str) -> Clusters:
         """The values of a group's queries by category; ``metric`` is ``accuracy`` or ``mean_iou``."""
@@ -109,18 +93,15 @@ class ScoredScene:
 
 
 def read_scored_scene(path: Path) -> ScoredScene:
-    """Read a ``metrics.json``.
+    """Read a ``metrics.json`` (UserError: it cannot be read, is none, or does not name its scene).
 
     The path ``results/DATASET/SCENE/`` names the scene, with ``variants/NAME/`` for a variant. Elsewhere, the file's
     ``scene`` names it: DATASET/SCENE or DATASET/SCENE, VARIANT.
-
-    Raises:
-        UserError: the file cannot be read, is not a ``metrics.json``, or does not name its scene.
     """
     document = read_document(path, "metrics")
     method = one_line(document["method"]) if "method" in document else None
     models = tuple(
-        Model(key, one_line(Path(used["checkpoint"]).name), used["hash"], used["small"])
+        f"{key} {one_line(Path(used['checkpoint']).name)} {used['hash']}"
         for key, used in sorted(document["models"].items())
     )
     return ScoredScene(path, *_names(path, document["scene"]), method, models, document)
@@ -145,27 +126,13 @@ def _names(path: Path, title: str) -> tuple[str, str, str]:
     return dataset, scene, variant or FULL
 
 
-def _percent(share: float | None) -> float | None:
-    return None if share is None else 100 * share
-
-
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Scenes whose scores may be averaged.
-
-    Attributes:
-        first: any scene, for what all have in common: dataset, variant, origin, method.
-        scenes: scores by name of the scene.
-    """
+    """Scenes whose scores may be averaged, by name; ``first`` is any of them, for what all have in common."""
 
     first: ScoredScene
     checkpoints: str
     scenes: Mapping[str, ScoredScene]
-
-    @property
-    def own(self) -> bool:
-        """Whether the method is EgoSplat."""
-        return self.first.method is None
 
     @property
     def method(self) -> str:
@@ -193,16 +160,12 @@ class Series:
     @property
     def label(self) -> str:
         """Method, data and checkpoints."""
-        by = "egosplat" if self.own else "reimplemented by egosplat"
+        by = "egosplat" if self.first.method is None else "reimplemented by egosplat"
         return f"{self.method} ({by}, {self.about})"
 
 
 def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
-    """Group scenes into series; egosplat's own come first, then sorted by method and checkpoints.
-
-    Raises:
-        UserError: two files have scores of one scene in one series.
-    """
+    """Group scenes into series, egosplat's own first, then by method and checkpoints (UserError: a scene has two files)."""
     groups: dict[tuple, dict[str, ScoredScene]] = {}
     # Scores of different data, variants or models must not be averaged.
     for scene in scenes:
@@ -215,12 +178,15 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
     counts = Counter(names.values())
     series = []
     for group in groups.values():
-        first, scenes_by_name = next(iter(group.values())), dict(sorted(group.items()))
-        hashes = "/".join(model.hash[:8] for model in first.models)
+        first = next(iter(group.values()))
+        hashes = "/".join(model.rpartition(" ")[2][:8] for model in first.models)
         name = names[first.models]
         checkpoints = f"{name} {hashes}" if counts[name] > 1 else name
-        series.append(Series(first, checkpoints, scenes_by_name))
-    return sorted(series, key=lambda row: (not row.own, row.method, row.first.variant, row.checkpoints))
+        series.append(Series(first, checkpoints, dict(sorted(group.items()))))
+    return sorted(
+        series,
+        key=lambda row: (row.first.method is not None, row.method, row.first.variant, row.checkpoints),
+    )
 
 
 def check_protocol(scenes: Sequence[ScoredScene]) -> None:

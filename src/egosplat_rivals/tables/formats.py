@@ -7,7 +7,7 @@ import pandas as pd
 from pandas.io.formats.style import Styler
 
 from egosplat_rivals.scored_scenes import Cell
-from egosplat_rivals.tables.table import SYNTHETIC, Layout, Note, Row, blocks, number, ranks
+from egosplat_rivals.tables.table import SYNTHETIC, Layout, Row, blocks, number, ranks
 
 COMMAND = "egosplat tables"
 # First line of each file, a comment.
@@ -59,7 +59,7 @@ def to_markdown(table: Layout) -> str:
     texts.columns = [markdown(" ".join(filter(None, one))) for one in texts.columns]
     align = ["center"] * label + ["left"] + ["right"] * (texts.shape[1] - label - 1)
     body = texts.to_markdown(index=False, disable_numparse=True, colalign=align)
-    notes = "\n".join(f"- {markdown(note_text(note))}" for note in table.notes)
+    notes = "\n".join(f"- {markdown(str(note))}" for note in table.notes)
     return f"{MARKDOWN_MARK}\n\n### {markdown(table.caption)}\n\n{body}\n\n{notes}".strip() + "\n"
 
 
@@ -74,7 +74,7 @@ def to_latex(table: Layout) -> str:
     for title in reversed(_titles(table)[1:]):
         lines.insert(first + title, r"\midrule")
     environment = "table" if len(table.columns) <= MANY else "table*"
-    notes = (rf"\par\smallskip\raggedright {latex(note_text(note))}" for note in table.notes)
+    notes = (rf"\par\smallskip\raggedright {latex(str(note))}" for note in table.notes)
     parts = (
         LATEX_MARK,
         r"% needs \usepackage{amssymb,booktabs,graphicx,xcolor} and \usepackage[T1]{fontenc}",
@@ -128,7 +128,7 @@ def to_csv(table: Layout) -> str:
 
 
 def _csv_line(table: Layout, row: Row, column: tuple[str, str, str], cell: Cell) -> dict[str, Any]:
-    low, high = cell.interval or (None, None)
+    (low, high), (cpu_min, memory_gib) = cell.interval or (None, None), row.cost or (None, None)
     return {
         "table": table.name,
         "kind": row.kind,
@@ -145,8 +145,8 @@ def _csv_line(table: Layout, row: Row, column: tuple[str, str, str], cell: Cell)
         "queries": cell.queries,
         "categories": cell.categories,
         "scenes": " ".join(cell.scenes),
-        "cpu_min": row.cost and row.cost.cpu_min,
-        "memory_gib": row.cost and row.cost.memory_gib,
+        "cpu_min": cpu_min,
+        "memory_gib": memory_gib,
         "stands_in": "; ".join(row.stands_in),
     }
 
@@ -154,11 +154,6 @@ def _csv_line(table: Layout, row: Row, column: tuple[str, str, str], cell: Cell)
 def _harmless(text: str) -> str:
     """Quote a name that a spreadsheet would read as a formula."""
     return f"'{text}" if re.match("[=+@-]", text) else text
-
-
-def note_text(note: Note) -> str:
-    """A footnote with its letter."""
-    return f"[{note.mark}] {note.text}" if note.mark else note.text
 
 
 def _lines(table: Layout) -> list[Row | None]:
@@ -183,11 +178,7 @@ def _ranked(table: Layout) -> list[tuple[tuple[int, int], int]]:
 
 
 def _texts(table: Layout, interval: str) -> pd.DataFrame:
-    """The table as texts, with a line for the title of each block.
-
-    Args:
-        interval: format of the bounds of an interval, or empty.
-    """
+    """The table as texts, with a line for the title of each block; ``interval`` formats the bounds of one, or is empty."""
     costs = (("a scene", "CPU min"), ("a scene", "GiB")) if table.has_costs else ()
     numbers = (*table.headings, *costs)
     columns = [*(("", name) for name in table.components), ("", "Method"), *numbers]
@@ -208,8 +199,7 @@ def _text_line(table: Layout, row: Row, interval: str) -> list[str]:
         + (interval.format(*map(number, cell.interval)) if interval and cell.interval else "")
         for cell, mark in zip(row.cells, marks, strict=True)
     ]
-    cost = (row.cost.cpu_min, row.cost.memory_gib) if row.cost else (None, None)
-    costs = [number(one) for one in cost] if table.has_costs else []
+    costs = [number(one) for one in row.cost or (None, None)] if table.has_costs else []
     return [*steps, table.label(row), *cells, *costs]
 
 

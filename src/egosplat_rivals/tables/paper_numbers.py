@@ -33,7 +33,7 @@ def find_notes(table: str) -> list[Note]:
 
 
 def find_printed(table: str, scene: str, method: str, metric: str, group: str) -> float:
-    """A printed number [%], by the ``numbers`` and a line of a layout; raises KeyError if the paper prints no such number."""
+    """A printed number [%], by the name and a line of a layout; raises KeyError if the paper prints no such number."""
     return _numbers()[table, scene, method, metric, group]
 
 
@@ -48,69 +48,56 @@ def _read(name: str, **more: Any) -> pd.DataFrame:
         return pd.read_csv(file, **more)
 
 
-_METRIC_NAMES = {"accuracy": "Acc", "mean_iou": "mIoU"}
-_BY_METRIC = tuple((f"{_METRIC_NAMES[one]} (%)", group.capitalize()) for one in METRICS for group in GROUPS)
+_SHORT = {"accuracy": "Acc", "mean_iou": "mIoU", "static": "St.", "dynamic": "Dy.", "all": "All"}
 _METHOD_LINES = {method: (FULL if method == OWN else None, ()) for method in METHODS}
 
 
 def _by_scene(name: str, score: str, metric: str) -> Layout:
     """A table with a column for each scene of ADT and group."""
-    headings = {scene: f"scene {scene.removeprefix('scene')}" for scene in SCENES["adt"]} | {AVERAGE: "avg"}
-    short = {"static": "St.", "dynamic": "Dy.", "all": "All"}
-    return Layout(
-        name,
-        f"{score} (%) on ADT, of static (St.), dynamic (Dy.) and all targets.",
-        "adt",
-        "adt",
-        SCENES["adt"],
-        tuple((scene, metric, group) for scene in headings for group in GROUPS),
-        tuple((over, short[group]) for over in headings.values() for group in GROUPS),
-        _METHOD_LINES,
-    )
+    caption = f"{score} (%) on ADT, of static (St.), dynamic (Dy.) and all targets."
+    places = {scene: f"scene {scene.removeprefix('scene')}" for scene in SCENES["adt"]} | {AVERAGE: "avg"}
+    columns = tuple((scene, metric, group) for scene in places for group in GROUPS)
+    headings = tuple((over, _SHORT[group]) for over in places.values() for group in GROUPS)
+    return Layout(name, caption, "adt", SCENES["adt"], columns, headings, _METHOD_LINES)
+
+
+def _ablation(
+    name: str, caption: str, scenes: tuple[str, ...], lines: dict[str, str], components: tuple[str, str]
+) -> Layout:
+    """A table of EgoSplat's variants: without both components, with the first, and with both."""
+    place = AVERAGE if len(scenes) > 1 else scenes[0]
+    columns = tuple((place, metric, group) for metric in METRICS for group in GROUPS)
+    headings = tuple((f"{_SHORT[metric]} (%)", group.capitalize()) for metric in METRICS for group in GROUPS)
+    steps = ((False, False), (True, False), (True, True))
+    variants = {line: (lines[line], used) for line, used in zip(lines, steps, strict=True)}
+    return Layout(name, caption, "adt", scenes, columns, headings, variants, components)
 
 
 # The five tables, in the paper's order.
 LAYOUTS = (
     _by_scene("adt_accuracy", "Localization accuracy", "accuracy"),
     _by_scene("adt_iou", "Segmentation IoU", "mean_iou"),
-    Layout(
+    _ablation(
         "adt_ablation",
         "Ablation on ADT, mean over scenes.",
-        "adt-ablation",
-        "adt",
         SCENES["adt"],
-        tuple((AVERAGE, metric, group) for metric in METRICS for group in GROUPS),
-        _BY_METRIC,
-        {
-            "baseline": ("baseline", (False, False)),
-            "aggregation": ("no_masks", (True, False)),
-            "full": (FULL, (True, True)),
-        },
+        {"baseline": "baseline", "aggregation": "no_masks", "full": FULL},
         ("Multi-view aggregation", "Transient prediction"),
     ),
     Layout(
         "hoi4d",
         "Localization accuracy and segmentation IoU (%) on HOI4D, mean over scenes.",
         "hoi4d",
-        "hoi4d",
         SCENES["hoi4d"],
         tuple((AVERAGE, metric, "all") for metric in METRICS),
-        tuple(("", _METRIC_NAMES[metric]) for metric in METRICS),
+        tuple(("", _SHORT[metric]) for metric in METRICS),
         _METHOD_LINES,
     ),
-    Layout(
+    _ablation(
         "adt_transient",
         "Ablation of the transient prediction on scene 1 of ADT.",
-        "adt-transient",
-        "adt",
         ("scene1",),
-        tuple(("scene1", metric, group) for metric in METRICS for group in GROUPS),
-        _BY_METRIC,
-        {
-            "none": ("no_masks", (False, False)),
-            "initial": ("network_masks", (True, False)),
-            "refined": (FULL, (True, True)),
-        },
+        {"none": "no_masks", "initial": "network_masks", "refined": FULL},
         ("Initial stage", "Refinement stage"),
     ),
 )

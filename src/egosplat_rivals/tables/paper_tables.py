@@ -20,7 +20,7 @@ from egosplat_rivals.scored_scenes import (
     percent_bounds,
 )
 from egosplat_rivals.tables.paper_numbers import LAYOUTS, find_notes, find_printed, scenes_of
-from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Cost, Layout, Note, Row, blocks
+from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 
 INTERVALS = (
     "Intervals are for other categories, and for averages also for other scenes. Categories are resampled, not queries, "
@@ -36,7 +36,7 @@ def paper_tables(series: Sequence[Series]) -> list[Layout]:
 def _fill(layout: Layout, series: Sequence[Series]) -> Layout:
     own = [one for one in series if one.first.dataset == layout.dataset and _scenes_of(layout, one)]
     if layout.components:  # an ablation of EgoSplat
-        own = [one for one in own if one.own]
+        own = [one for one in own if one.first.method is None]
     letters = chain(ascii_lowercase, map("".join, product(ascii_lowercase, repeat=2)))
     notes = [replace(one, mark=next(letters) if one.cells else "") for one in find_notes(layout.name)]
     measured = _measured_rows(layout, own)
@@ -70,7 +70,7 @@ def _printed_rows(layout: Layout, notes: Sequence[Note]) -> Iterator[Row]:
             method,
             name,
             steps,
-            tuple(Cell(find_printed(layout.numbers, *key)) for key in keys),
+            tuple(Cell(find_printed(layout.name, *key)) for key in keys),
             checkpoints="the paper's",
             variant=line if steps else "",
             marks=tuple(next((note.mark for note in notes if key in note.cells), "") for key in keys),
@@ -95,16 +95,17 @@ def _measured_rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
 
 
 def _block(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row]:
-    """Rows of one block in the paper's order, methods that it lacks, then the chance level.
-
-    A line without scores gets an empty row.
-    """
+    """Rows of one block in the paper's order, empty without scores, methods that it lacks, then the chance level."""
     # EgoSplat's series belong to the line of their variant, others to that of their method.
     known = {
-        line: [one for one in series if (one.first.variant == variant if one.own else one.method == line)]
+        line: [
+            one
+            for one in series
+            if (one.method == line if one.first.method else one.first.variant == variant)
+        ]
         for line, (variant, _) in layout.lines.items()
     }
-    more = [one for one in series if not one.own and one.method not in layout.lines]
+    more = [one for one in series if one.first.method and one.method not in layout.lines]
     if not more and not any(known.values()):
         return
     kind, data = series[0].first.origin, series[0].data
@@ -145,7 +146,7 @@ def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) ->
         checkpoints=series.checkpoints,
         variant=series.first.variant,
         notice=series.notice,
-        cost=_mean_cost(list(scenes.values())),
+        cost=_mean_cost(scenes.values()),
         stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in stands_in(scene))),
     )
 
@@ -155,7 +156,7 @@ def stands_in(scene: ScoredScene) -> Sequence[str]:
     return () if scene.method is None else scene.document.get("stands_in", ())
 
 
-def _mean_cost(scenes: Sequence[ScoredScene]) -> Cost | None:
+def _mean_cost(scenes: Iterable[ScoredScene]) -> tuple[float, float] | None:
     """The mean of what the making of the codes took, from the frames on; None if an artifact is lost."""
     costs = []
     for scene in scenes:
@@ -165,17 +166,17 @@ def _mean_cost(scenes: Sequence[ScoredScene]) -> Cost | None:
             return None
         memory_gib = max(entry["peak_memory_mb"] for entry in made) / 1024
         costs.append((sum(entry["cpu_s"] for entry in made) / 60, memory_gib))
-    return Cost(*(sum(values) / len(costs) for values in zip(*costs, strict=True))) if costs else None
+    if not costs:
+        return None
+    cpu_min, memory_gib = (sum(values) / len(costs) for values in zip(*costs, strict=True))
+    return cpu_min, memory_gib
 
 
 def _cell(place: str, score: str, group: str, scenes: Mapping[str, ScoredScene]) -> Cell:
     """A metric or a chance level of a scene or on average."""
     if place == AVERAGE:
-        return (average_chance if score in CHANCE else average)(scenes, score, group)
-    if place not in scenes:
-        return Cell()
-    scene = scenes[place]
-    return scene.chance(score, group) if score in CHANCE else scene.cell(score, group)
+        return average(scenes, score, group)
+    return scenes[place].cell(score, group) if place in scenes else Cell()
 
 
 def _scenes_of(layout: Layout, series: Series) -> dict[str, ScoredScene]:
@@ -218,9 +219,17 @@ def _presence_remarks(layout: Layout, series: Sequence[Series]) -> Iterator[str]
             yield f"{one.label}{variant}: {summary}."
 
 
-def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
-    """The plain mean of a metric over the scenes that have a score, as in the paper's tables, with ``clustered_interval``."""
-    clusters = {name: scene.clusters(metric, group) for name, scene in sorted(scenes.items())}
+def average(scenes: Mapping[str, ScoredScene], score: str, group: str) -> Cell:
+    """The plain mean of a metric over the scenes that have a score, as in the paper's tables, with ``clustered_interval``.
+
+    That of one of ``CHANCE`` has no interval.
+    """
+    scenes = dict(sorted(scenes.items()))
+    if score in CHANCE:
+        cells = {name: scene.cell(score, group).percent for name, scene in scenes.items()}
+        known = {name: percent for name, percent in cells.items() if percent is not None}
+        return Cell(sum(known.values()) / len(known), scenes=tuple(known)) if known else Cell()
+    clusters = {name: scene.clusters(score, group) for name, scene in scenes.items()}
     scored = {name: values for name, values in clusters.items() if len(values.counts)}
     if not scored:
         return Cell()
@@ -231,17 +240,6 @@ def average(scenes: Mapping[str, ScoredScene], metric: str, group: str) -> Cell:
         queries=int(sum(scene.counts.sum() for scene in values)),
         categories=sum(len(scene.counts) for scene in values),
         scenes=tuple(scored),
-    )
-
-
-def average_chance(scenes: Mapping[str, ScoredScene], answerer: str, group: str) -> Cell:
-    """The plain mean over scenes of the accuracy by chance, see ``ScoredScene.chance``; without an interval."""
-    cells = {name: scene.chance(answerer, group) for name, scene in sorted(scenes.items())}
-    scored = {name: cell for name, cell in cells.items() if cell.percent is not None}
-    if not scored:
-        return Cell()
-    return Cell(
-        percent=sum(cell.percent or 0.0 for cell in scored.values()) / len(scored), scenes=tuple(scored)
     )
 
 

@@ -4,13 +4,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from egosplat.alarms.artifact_alarms import found_text
-from egosplat.alarms.table import TABLE
+from egosplat.alarms.table import TABLE, Alarm
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.report.html_page import read_picture, render_page
 from egosplat_rivals.scored_scenes import ScoredScene, Series, check_protocol, find_series, read_scored_scene
-from egosplat_rivals.tables.formats import COMMAND, note_text, to_csv, to_html, to_latex, to_markdown
+from egosplat_rivals.tables.formats import COMMAND, to_csv, to_html, to_latex, to_markdown
 from egosplat_rivals.tables.page import TEMPLATE, Section, plain_table
 from egosplat_rivals.tables.paper_numbers import in_a_table
 from egosplat_rivals.tables.paper_tables import paper_tables
@@ -24,11 +24,8 @@ _FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
     """Write each of ``egosplat_rivals.tables.paper_numbers.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
 
-    Files are written atomically; equal inputs give equal bytes.
-
-    Args:
-        metrics: ``metrics.json`` files of egosplat's variants and of other methods; those of no table are logged and left out.
-        pictures: PNG or JPEG files of scenes, for the end of the page.
+    ``metrics`` are ``metrics.json`` of variants and of other methods; those of no table are logged and left out. ``pictures``
+    are PNG or JPEG files for the end of the page. Files are written atomically; equal inputs give equal bytes.
 
     Raises:
         UserError: a file cannot be read, two files are of the same scene, or protocols differ.
@@ -54,7 +51,7 @@ def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Seq
     scenes = [(one, scene) for one in series for scene in one.scenes.values()]
     measured_on = "; ".join(sorted({one.about for one in series}))
     sections = [
-        Section(table.name, table.caption, table=to_html(table), notes=[*map(note_text, table.notes)])
+        Section(table.name, table.caption, table=to_html(table), notes=[*map(str, table.notes)])
         for table in tables
     ]
     if scenes:
@@ -89,21 +86,20 @@ def _intro(measured_on: str) -> Iterator[str]:
 
 
 def _source(series: Series, scene: ScoredScene) -> dict[str, str | int]:
-    models = ", ".join(f"{model.key} {model.checkpoint} {model.hash}" for model in scene.models)
     return {
         "Row": series.label,
         "Scene": f"{scene.dataset}/{scene.scene}",
         "Variant": scene.variant,
         "Origin": scene.origin,
         "Queries": scene.document["scores"]["all"]["count"],
-        "Models": models or "unknown",
+        "Models": ", ".join(scene.models) or "unknown",
         "Scored": scene.document["provenance"]["created"],
         "File": str(scene.path),
     }
 
 
 def _alarms(scene: ScoredScene) -> Iterator[dict[str, str]]:
-    for alarm in scene.alarms:
+    for alarm in (Alarm(**entry) for entry in scene.document["alarms"]):
         yield {
             "Scene": f"{scene.dataset}/{scene.scene}",
             "Variant": scene.variant,

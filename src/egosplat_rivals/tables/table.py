@@ -22,29 +22,22 @@ class Note:
     cells: tuple[tuple[str, str, str, str], ...] = ()
     mark: str = ""
 
-
-@dataclass(frozen=True)
-class Cost:
-    """CPU time of all threads [min] and the largest memory [GiB] that a scene takes, from its frames to its codes."""
-
-    cpu_min: float
-    memory_gib: float
+    def __str__(self) -> str:
+        return f"[{self.mark}] {self.text}" if self.mark else self.text
 
 
 @dataclass(frozen=True)
 class Row:
-    """The numbers of one method on one kind of data.
+    """The numbers of one method on one kind of data, a cell a column.
 
     Attributes:
         kind: ``PRINTED``, ``REAL`` or ``SYNTHETIC``.
         block: title of the rows that may be compared with this one.
-        label: method, data and checkpoints, in one text.
         steps: enabled components of an ablation; else empty.
-        cells: one per column.
-        marks: letters of the footnotes of cells, one per column; empty if no cell has one.
-        mark: letters of the footnotes of the row.
+        marks, mark: letters of the footnotes of cells, one per column, empty if no cell has one; and of the row.
         notice: notice that the models do not suit the data, and what to do.
-        cost: mean over its scenes; None for a printed row, or if it is not known.
+        cost: mean over its scenes of the CPU time of all threads [min] and of the largest memory [GiB], from the frames to
+            the codes; None for a printed row, or if it is not known.
         stands_in: sentences on what replaces a part of the method.
     """
 
@@ -60,7 +53,7 @@ class Row:
     marks: tuple[str, ...] = ()
     mark: str = ""
     notice: str = ""
-    cost: Cost | None = None
+    cost: tuple[float, float] | None = None
     stands_in: tuple[str, ...] = ()
 
     @property
@@ -74,9 +67,8 @@ class Layout:
     """One table of the paper, without or with its rows.
 
     Attributes:
-        name: stem of the files.
-        numbers: name of the table in the paper's numbers.
-        dataset, scenes: dataset of the scenes, and those of a complete average.
+        name: stem of the files, and name of the table in the paper's numbers.
+        scenes: those of a complete average.
         columns: scene (or ``AVERAGE``), metric and group of each column.
         headings: heading shared with neighboring columns (empty for none), and heading of each column.
         lines: variant of EgoSplat (None for another method) and enabled components of each of the paper's lines, by its name.
@@ -85,7 +77,6 @@ class Layout:
 
     name: str
     caption: str
-    numbers: str
     dataset: str
     scenes: tuple[str, ...]
     columns: tuple[tuple[str, str, str], ...]

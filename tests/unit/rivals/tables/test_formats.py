@@ -30,7 +30,7 @@ def row(block: tuple[str, str], label: str, *cells: Cell, **more) -> Row:
 def layout(*rows: Row, times: int = 1) -> Layout:
     scenes = ("scene1", "scene2", "x")
     notes = (Note("Odd & strange_one.", mark="a"), Note("Another."))
-    texts = ("ablation", "A caption.", "adt", "adt", scenes)
+    texts = ("ablation", "A caption.", "adt", scenes)
     return Layout(*texts, COLUMNS * times, HEADINGS * times, {}, ("One", "Two"), rows, notes)
 
 
