@@ -1,7 +1,5 @@
 """A multiresolution hash grid (Müller et al. 2022) over the contracted world of LERF (Kerr et al., ICCV 2023)."""
 
-import math
-
 import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
@@ -17,11 +15,8 @@ FEATURES = 8
 # Entries of a level. The authors have 2^19, for whole houses; a room's surfaces need fewer.
 ENTRIES = 2**16
 
-# Primes of the usual hash of a cell's corner.
-_PRIMES = (1, 2_654_435_761, 805_459_861)
-
-# Entries start uniform within this.
-_START = 1e-4
+# Primes of the usual hash of a cell's corner; entries start uniform within ``_START``.
+_PRIMES, _START = (1, 2_654_435_761, 805_459_861), 1e-4
 
 
 def contract(points: Tensor) -> Tensor:
@@ -35,11 +30,7 @@ def contract(points: Tensor) -> Tensor:
 
 
 class HashGrid(nn.Module):
-    """Features of positions, interpolated at each level between the corners of a cell; gradients are sparse.
-
-    Attributes:
-        table: (24 * entries, 8).
-    """
+    """Features of positions, interpolated at each level between the corners of a cell; gradients of ``table`` are sparse."""
 
     def __init__(self, draw: torch.Generator) -> None:
         """Start from small random features."""
@@ -51,13 +42,8 @@ class HashGrid(nn.Module):
         """(R, 3) in [0, 1] -> (R, 192)."""
         entries, weights = corners(positions)
         # Each level of each position is one bag of the eight corners of its cell.
-        found = F.embedding_bag(
-            entries.flatten(0, 1),
-            self.table,
-            mode="sum",
-            sparse=True,
-            per_sample_weights=weights.flatten(0, 1),
-        )
+        bags, how = entries.flatten(0, 1), {"mode": "sum", "sparse": True}
+        found = F.embedding_bag(bags, self.table, per_sample_weights=weights.flatten(0, 1), **how)
         return found.reshape(len(positions), len(RESOLUTIONS) * FEATURES)
 
 
@@ -71,19 +57,10 @@ def corners(positions: Tensor) -> tuple[Tensor, Tensor]:
     ends = torch.tensor([[(bit >> axis) & 1 for axis in range(3)] for bit in range(8)], device=device)
     corner = low[:, :, None] + ends
     weights = torch.where(ends.bool(), part[:, :, None], 1 - part[:, :, None]).prod(dim=-1)
-    return _rows(corner, cells) + torch.arange(len(cells), device=device)[:, None] * ENTRIES, weights
-
-
-def _rows(corner: Tensor, cells: Tensor) -> Tensor:
-    """(R, 24, 8) entries of (R, 24, 8, 3) corners in their level."""
     side = (cells + 1)[:, None]
     x, y, z = corner.unbind(-1)
     direct = x + side * (y + side * z)
     hashed = (x * _PRIMES[0]) ^ (y * _PRIMES[1]) ^ (z * _PRIMES[2])
     # A grid that fits the table needs no hash, and has no collisions.
-    return torch.where(side**3 <= ENTRIES, direct, hashed % ENTRIES)
-
-
-def exponential(start: float, end: float, steps: int, step: int) -> float:
-    """Learning rate that falls from ``start`` to ``end`` over ``steps``, then stays."""
-    return start * math.exp(math.log(end / start) * min(step / steps, 1.0))
+    entries = torch.where(side**3 <= ENTRIES, direct, hashed % ENTRIES)
+    return entries + torch.arange(len(cells), device=device)[:, None] * ENTRIES, weights

@@ -17,11 +17,8 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.loop import Step, Trainee, adam, fewer_iterations, train
 
-# Published: words of the codebook, and words in a code.
-WORDS, CHOSEN = 64, 4
-
-# Published: iterations of each level's model.
-_ITERATIONS = 10_000
+# Published: words of the codebook, words in a code, and iterations of each level's model.
+WORDS, CHOSEN, _ITERATIONS = 64, 4, 10_000
 
 # Rounds of k-means; on instance features, 20 leave nothing to gain.
 _ROUNDS = 20

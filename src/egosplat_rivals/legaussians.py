@@ -19,20 +19,13 @@ from egosplat.progress import track
 from egosplat_rivals.loop import Layers, Step, Trainee, adam, fewer_iterations, train
 from egosplat_rivals.tile_views import TileViews, nearest
 
-# Published: numbers of a code, hidden layers of its decoder, and layers of the network of positions.
+# Published: numbers of a code, hidden layers of its decoder, and layers of the network of positions; learning rates of codes,
+# of their uncertainty and of networks, decay of the decoder, and iterations; uncertainty at the start, iterations from one
+# smoothing to the next, and its weight at no uncertainty.
 CHANNELS, HIDDEN = 8, (128, 256)
 POSITIONS = (3, 128, 128, 128, 128, CHANNELS)
-
-# Published: learning rates of codes, of their uncertainty and of networks; decay of the decoder; iterations.
-_CODE_RATE, _UNCERTAINTY_RATE, _LAYER_RATE = 1e-3, 0.05, 1e-3
-_DECAY = 1e-5
-_ITERATIONS = 30_000
-
-# Published: uncertainty at the start, iterations from one smoothing to the next, and its weight at no uncertainty.
+_CODE_RATE, _UNCERTAINTY_RATE, _LAYER_RATE, _DECAY, _ITERATIONS = 1e-3, 0.05, 1e-3, 1e-5, 30_000
 _UNCERTAIN, _SMOOTH_EVERY, LEAST_SMOOTHING = 0.01, 10, 0.1
-
-# Published: images in a batch of the codebook's training, and passes over all images.
-_BATCH, _EPOCHS = 32, 300
 
 # Features of the codebook's training that are held: 100 MiB at 192 channels, a third of those of 100 views.
 _POOL = 2**17
@@ -40,13 +33,11 @@ _POOL = 2**17
 # Keeps the logarithm finite where rendered uncertainty is 1.
 _MOST_UNCERTAIN = 1 - 1e-6
 
-# Published: words; scales that are mixed, and what their sum is divided by; rows of the map of features.
-WORDS = 128
-MIXED, _DIVISOR = 6, 7
-ROWS = 60
-
-# Published, of the codebook: weight of the regulariser's half, weight of the even use of words, learning rate and decay. The rate falls
-# to a tenth over 1,000 passes.
+# Published, of features: scales that are mixed, what their sum is divided by, and rows of the map. Of the codebook: words,
+# images in a batch, passes over all images, weights of the regulariser's half and of the even use of words, learning rate
+# and decay. The rate falls to a tenth over 1,000 passes.
+MIXED, _DIVISOR, ROWS = 6, 7, 60
+WORDS, _BATCH, _EPOCHS = 128, 32, 300
 REGULARISER, _EVEN = 0.5, 1.0
 _WORD_RATE, _WORD_DECAY, _LAST, _PASSES = 1e-4, 0.01, 0.1, 1000
 

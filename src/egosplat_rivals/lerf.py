@@ -1,5 +1,7 @@
 """Method ``train_field``: LERF (Kerr et al., ICCV 2023). A field of features by position and scale, over the Gaussians' surfaces."""
 
+import math
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.views import CodeViews
 from egosplat.rasterize.view import pixel_lists
-from egosplat_rivals.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract, exponential
+from egosplat_rivals.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract
 from egosplat_rivals.loop import Layers, Step, Trainee, fewer_iterations, train
 from egosplat_rivals.tile_views import TileViews, nearest
 
@@ -24,8 +26,7 @@ from egosplat_rivals.tile_views import TileViews, nearest
 # iterations, and the largest scale of a query.
 HIDDEN, REGULARISED = (256, 256, 256, 256), (256,)
 _FIRST_RATE, _LAST_RATE, _RATE_STEPS = 1e-2, 1e-3, 4000
-_DECAY, _EPSILON = 1e-9, 1e-15
-_ITERATIONS = 30_000
+_DECAY, _EPSILON, _ITERATIONS = 1e-9, 1e-15, 30_000
 LARGEST_SCALE = 1.5
 
 # Published: weight of the features' loss, and where Huber's loss turns linear.
@@ -37,11 +38,9 @@ REGULARISER_WEIGHT = 1e-3
 # Values of the widest layer that are held while the field is evaluated at all Gaussians.
 _ROWS_AT_ONCE = 2**14
 
-# Scales at which the field is stored, from 0 to LARGEST_SCALE; each is a level. LERF asks 30.
-SCALES = 8
-
-# Numbers of a code, a linear basis of the field's features. LERF has no codes.
-CHANNELS = 32
+# Scales at which the field is stored, from 0 to LARGEST_SCALE, each a level, of which LERF asks 30; and numbers of a code, a
+# linear basis of the field's features. LERF has no codes.
+SCALES, CHANNELS = 8, 32
 
 
 def train_field(
@@ -69,21 +68,17 @@ def train_field(
     return Coded(code, share.repeat(1, len(levels)), levels, decoder, curve, stands_in)
 
 
-class World:
-    """The world as the field sees it: the cameras' mean position at 0, their largest coordinate at 1 (``unit`` [m])."""
+def center_and_unit(positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+    """(3,) mean of (V, 3) cameras, which the field sees at 0, and their largest coordinate, 1 there [m]; 1 m for one place."""
+    center = positions.mean(axis=0)
+    most = float(np.abs(positions - center).max())
+    # In proportion, because the world may be in any unit.
+    return center, most if most > 1e-9 * float(np.abs(positions).max()) else 1.0
 
-    def __init__(self, camera_to_world: NDArray[np.float64], device: torch.device) -> None:
-        """Take (V, 4, 4) poses; the unit is 1 m if all cameras stand at one place."""
-        positions = camera_to_world[:, :3, 3]
-        center = positions.mean(axis=0)
-        most = float(np.abs(positions - center).max())
-        # In proportion, because the world may be in any unit.
-        self.unit = most if most > 1e-9 * float(np.abs(positions).max()) else 1.0
-        self._center = torch.from_numpy(center).to(device, torch.float32)
 
-    def local(self, points: Tensor) -> Tensor:
-        """(..., 3) points of the world."""
-        return (points - self._center) / self.unit
+def learning_rate(iteration: int) -> float:
+    """The rate of an iteration, which falls by a factor each, then stays."""
+    return _FIRST_RATE * math.exp(math.log(_LAST_RATE / _FIRST_RATE) * min(iteration / _RATE_STEPS, 1.0))
 
 
 def feature_loss(found: Tensor, wanted: Tensor) -> Tensor:
@@ -114,18 +109,17 @@ class Field(Trainee):
             torch.optim.SparseAdam([self.grid.table], lr=_FIRST_RATE, eps=_EPSILON),
             torch.optim.RAdam(networks, lr=_FIRST_RATE, eps=_EPSILON, weight_decay=_DECAY),
         ]
-        self.world = World(views.camera_to_world, views.device)
-        self._tiles = tiles
+        center, self._unit = center_and_unit(views.camera_to_world[:, :3, 3])
+        self._center, self._tiles = torch.from_numpy(center).to(views.device, torch.float32), tiles
 
     def forward(self, points: Tensor, scale: Tensor) -> Tensor:
         """Return (P, D) features of unit norm at (P, 3) points [m] and (P,) scales."""
-        return self._features(self.grid(contract(self.world.local(points))), scale)
+        return self._features(self._hashed(points), scale)
 
     def loss(self, step: Step) -> Tensor:
         """Return the loss of the features, and of the regulariser, of the rays of one view."""
         for optimizer in self.optimizers:
-            rate = exponential(_FIRST_RATE, _LAST_RATE, _RATE_STEPS, step.iteration)
-            optimizer.param_groups[0]["lr"] = rate
+            optimizer.param_groups[0]["lr"] = learning_rate(step.iteration)
         pixels, _ = self.draw_pixels(step)
         points, distance, shown = self._surface(step.view, pixels)
         pixels = pixels[shown]
@@ -134,14 +128,17 @@ class Field(Trainee):
         frame, camera = self.frame(step.view), self.views.camera
         wanted = self._tiles.between(frame, pixels, number, part)
         scale = (number + part) / (len(self._tiles.scales) - 1)
-        hashed = self.grid(contract(self.world.local(points)))
-        sigma = input_scale(scale, distance / self.world.unit, camera.height, camera.fy).to(hashed)
+        hashed = self._hashed(points)
+        sigma = input_scale(scale, distance / self._unit, camera.height, camera.fy).to(hashed)
         loss = feature_loss(self._features(hashed, sigma), wanted.to(hashed))
         if self.regulariser is None:
             return loss
         image = nearest(self._tiles.regulariser(frame), pixels, camera.width, camera.height)
         error = (self.regulariser(hashed) - image.to(hashed)).square().sum() / max(1, len(points))
         return loss + REGULARISER_WEIGHT * error
+
+    def _hashed(self, points: Tensor) -> Tensor:
+        return self.grid(contract((points - self._center) / self._unit))
 
     def _features(self, hashed: Tensor, scale: Tensor) -> Tensor:
         return F.normalize(self.features(torch.cat([hashed, scale[:, None]], dim=1)), dim=-1)

@@ -111,19 +111,17 @@ def adam(groups: Iterable[tuple[Iterable[nn.Parameter], float]]) -> torch.optim.
 def train(trainee: Trainee, views: int, iterations: int, seed: int, checkpoint: Checkpoint) -> Curve:
     """Train to the last iteration, from the checkpoint if there is one; each of the views is taken once before any is again.
 
-    A killed training that goes on ends with the same parameters (on a GPU up to the order of sums).
-
-    Raises:
-        UserError: training diverges. The checkpoint is removed, because resuming would diverge again.
+    A killed training that goes on ends with the same parameters (on a GPU up to the order of sums). UserError if it diverges;
+    the checkpoint is then removed, because resuming would diverge again.
     """
     training = _Training(trainee, views, seed)
     if (saved := checkpoint.load()) is not None:
         training.load_state_dict(saved)
-        log(f"training of codes resumes after iteration {training.iteration}")
-    for iteration in track(range(training.iteration + 1, iterations + 1), "training codes", unit="iteration"):
+        log(f"training of codes resumes after iteration {training.recorded}")
+    for iteration in track(range(training.recorded + 1, iterations + 1), "training codes", unit="iteration"):
         training.iterate(iteration)
         if iteration % RECORD_EVERY == 0 or iteration == iterations:
-            if not training.record():
+            if not training.record(iteration):
                 checkpoint.remove()
                 raise UserError(f"training of codes diverged at iteration {iteration}; {trainee.advice}")
             checkpoint.save_if_due(training.state_dict)
@@ -131,15 +129,19 @@ def train(trainee: Trainee, views: int, iterations: int, seed: int, checkpoint: 
 
 
 class _Training:
-    """State of a training; ``iteration`` is the last one done, ``curve`` its records."""
+    """State of a training; its ``curve`` has the records."""
 
     def __init__(self, trainee: Trainee, views: int, seed: int) -> None:
         self.curve = Curve()
-        self.iteration = 0
         self._trainee, self._views = trainee, views
         self._draw = torch.Generator().manual_seed(seed)
         self._order: list[int] = []
         self._loss = next(trainee.parameters()).new_zeros(())
+
+    @property
+    def recorded(self) -> int:
+        """The iteration of the last record; 0 without any."""
+        return self.curve.iteration[-1] if self.curve.iteration else 0
 
     def iterate(self, iteration: int) -> None:
         if not self._order:
@@ -151,15 +153,13 @@ class _Training:
         for optimizer in self._trainee.optimizers:
             optimizer.step()
         self._loss += loss.detach()
-        self.iteration = iteration
 
-    def record(self) -> bool:
+    def record(self, iteration: int) -> bool:
         """Record the mean loss since the last record; whether it and all parameters are finite."""
-        before = self.curve.iteration[-1] if self.curve.iteration else 0
         # Reading the sum waits for the GPU, so it is read at records only.
-        loss = float(self._loss) / (self.iteration - before)
+        loss = float(self._loss) / (iteration - self.recorded)
         self._loss.zero_()
-        self.curve.iteration.append(self.iteration)
+        self.curve.iteration.append(iteration)
         self.curve.loss.append(loss)
         parameters = self._trainee.parameters()
         return math.isfinite(loss) and all(bool(values.isfinite().all()) for values in parameters)
@@ -170,9 +170,7 @@ class _Training:
             "optimizers": [optimizer.state_dict() for optimizer in self._trainee.optimizers],
             "generator": self._draw.get_state(),
             "order": list(self._order),
-            "iteration": self.iteration,
             "curve": [list(self.curve.iteration), list(self.curve.loss)],
-            "loss": self._loss,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -180,9 +178,7 @@ class _Training:
         for optimizer, saved in zip(self._trainee.optimizers, state["optimizers"], strict=True):
             optimizer.load_state_dict(saved)
         self._draw.set_state(state["generator"])
-        self._order, self.iteration = state["order"], state["iteration"]
-        self.curve = Curve(*state["curve"])
-        self._loss = state["loss"].to(self._loss.device)
+        self._order, self.curve = state["order"], Curve(*state["curve"])
 
 
 def fewer_iterations(done: int, published: int, of: str = "") -> tuple[str, ...]:

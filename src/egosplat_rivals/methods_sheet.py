@@ -36,11 +36,8 @@ WORST = "worst: misses of most methods with the lowest mean IoU, one per categor
 def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     """Draw the page as PNG, atomically; queries are answered again, as in the page of queries.
 
-    Args:
-        metrics: ``metrics.json`` of variants of one scene, each beside its language.zarr, in the order of the columns.
-
-    Raises:
-        UserError: a file cannot be read, its artifacts are gone, or other queries were scored.
+    ``metrics`` are ``metrics.json`` of variants of one scene, each beside its language.zarr, in the order of the columns.
+    UserError if one cannot be read, its artifacts are gone, or other queries were scored.
     """
     scenes = [read_scored_scene(path) for path in metrics]
     by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
@@ -52,15 +49,15 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
         opened = open_scored(scene.path.parent, scoring_options(scene.document), in_time=in_time)
         answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene.document, scene.path)
         shown.append({(one.scored.frame, one.scored.category): one for one in answers})
-    names = [scene.method or OWN for scene in scenes]
-    rows = len(best) + len(worst)
+    names, rows = [scene.method or OWN for scene in scenes], len(best) + len(worst)
     size = (len(scenes) + 1) * CELL, (CELL + 0.25) * max(rows, 1) + 1.2
     figure = plt.figure(figsize=size, layout="constrained")
     if rows:
         parts = figure.subfigures(2, 1, height_ratios=(max(len(best), 0.2), max(len(worst), 0.2)))
         for part, heading, queries in zip(parts, (BEST, WORST), (best, worst), strict=True):
             part.suptitle(heading, fontsize=11, fontweight="bold")
-            _draw(part, queries, names, shown)
+            if queries:
+                _draw(part, queries, names, shown)
     else:
         figure.text(0.5, 0.4, "No query was asked of all methods.", ha="center")
     legend = "white: annotated instances; colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel"
@@ -86,8 +83,6 @@ def _draw(
     page: SubFigure, queries: Sequence[Asked], names: Sequence[str], shown: Sequence[dict[Asked, ShownQuery]]
 ) -> None:
     """Draw a row for each query: its photograph, then the relevancy of each method."""
-    if not queries:
-        return
     for cells, asked in zip(empty_grid(page, len(queries), len(names) + 1), queries, strict=True):
         first = shown[0][asked]
         cells[0].imshow(first.photograph)
@@ -103,6 +98,5 @@ def _draw_answer(axes: Axes, name: str, query: ShownQuery) -> None:
     draw_outline(axes, query.target)
     axes.set_title(f"{name}: {verdict}, IoU {query.scored.iou:.2f}", fontsize=8, color=color)
     if query.answer.pixel is not None:
-        axes.scatter(
-            *query.answer.pixel, s=60, marker=marker, color=color, edgecolors="white", linewidths=1.2
-        )
+        edge = {"edgecolors": "white", "linewidths": 1.2}
+        axes.scatter(*query.answer.pixel, s=60, marker=marker, color=color, **edge)

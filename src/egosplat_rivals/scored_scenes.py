@@ -14,20 +14,13 @@ from egosplat.evaluation.scores import CHANCE
 from egosplat.models.suitability import BRIEF
 from egosplat.pipeline.validation import read_document
 
-# Name of the variant in a scene's own folder.
-FULL = "full"
+# Names of the variant in a scene's own folder, of egosplat's own rows, and of data; those of the datasets are the paper's.
+FULL, OWN = "full", "EgoSplat"
+NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
+APARTMENTS, VALIDATION_APARTMENTS = "synthetic apartments", "validation apartments"
 
 # Validation apartments in ADT format: defaults are chosen on adt/scene1 to adt/scene5, and some were on these.
 VALIDATION = tuple(f"scene{index}" for index in range(6, 11))
-
-# Names of the datasets in the paper.
-NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
-
-APARTMENTS = "synthetic apartments"
-VALIDATION_APARTMENTS = "validation apartments"
-
-# Name of egosplat's own rows.
-OWN = "EgoSplat"
 
 # Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
 PROTOCOL = ("min_area", "excluded", "people", "hit_region", "masks")

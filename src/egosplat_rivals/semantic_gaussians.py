@@ -12,22 +12,13 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
 
-# Every how manieth training view is used.
-EVERY = 5
-
-# A Gaussian this close to the border of a view, as a share of its width, is not seen there.
-BORDER = 10 / 648
-
-# Largest distance between a Gaussian and the surface at its pixel, as a share of the surface's depth.
-TOLERANCE = 0.05
+# Every how manieth training view is used; how close to the border of a view a Gaussian is not seen, as a share of the width;
+# the largest distance between a Gaussian and the surface at its pixel, as a share of the surface's depth.
+EVERY, BORDER, TOLERANCE = 5, 10 / 648, 0.05
 
 
 def project_views(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
-    """Method ``project_views``: the mean feature of the pixels that show a Gaussian's center, over views, at one level.
-
-    A pixel's feature is the sum of those of all masks that cover it, as a unit vector, or 0 without a mask. The mean is not
-    normalized, and opacities play no part.
-    """
+    """Method ``project_views``: the mean over views of the ``pixel_features`` that show a Gaussian's center, not normalized."""
     sums = torch.zeros(views.gaussians.count, targets.channels, device=views.device)
     seen = torch.zeros(views.gaussians.count, device=views.device)
     for index in track(range(0, len(views), EVERY), "projecting", unit="view"):
@@ -43,10 +34,7 @@ def project_views(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
 
 
 def is_seen(centers: Centers, width: int, height: int) -> NDArray[np.bool_]:
-    """(M,) bool: Gaussians away from the border whose depth is the median depth, up to ``TOLERANCE``.
-
-    A Gaussian at a pixel without a median depth is not seen.
-    """
+    """(M,) bool: Gaussians away from the border whose depth is the median depth, if there is one, up to ``TOLERANCE``."""
     assert centers.median_depth is not None
     border, size = BORDER * width, np.array([width, height])
     inside = (np.minimum(centers.pixel, size - 1 - centers.pixel) >= border).all(axis=1)
@@ -54,7 +42,7 @@ def is_seen(centers: Centers, width: int, height: int) -> NDArray[np.bool_]:
 
 
 def pixel_features(codes: Tensor) -> Tensor:
-    """(P, C) unit sums over the levels of (L, C, P) features; 0 where all are 0."""
+    """(P, C) unit sums over the levels of the (L, C, P) features of masks; 0 without a mask."""
     return normalize(codes.sum(dim=0).T, dim=-1)
 
 

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
@@ -63,7 +62,10 @@ def mask_means(views: CodeViews, targets: CodeTargets, labels: Tensor) -> tuple[
     shape = labels.shape[1], int(labels.max()) + 2
     sums = torch.zeros(*shape, targets.channels, device=views.device)
     counts = torch.zeros(shape, device=views.device)
-    members = [_members(column.cpu().numpy() + 1, shape[1]) for column in labels.unbind(1)]
+    count = len(labels)
+    data, begin = np.ones(count, np.float32), np.arange(count + 1)
+    # (N, K + 1), 1 in the column of each Gaussian's cluster.
+    members = [sparse.csr_array((data, row.cpu().numpy() + 1, begin), (count, shape[1])) for row in labels.T]
     for index in track(range(len(views)), "comparing masks with clusters", unit="view"):
         frame, weight, view = int(views.frame[index]), views.weight(index), views.view(index)
         for level, masks in enumerate(targets.labels(frame)):
@@ -73,13 +75,6 @@ def mask_means(views: CodeViews, targets: CodeTargets, labels: Tensor) -> tuple[
             sums[level].index_add_(0, cluster, codes * usable[:, None])
             counts[level].index_add_(0, cluster, usable.float())
     return sums / counts.clamp(min=1)[..., None], counts > 0
-
-
-def _members(column: NDArray[np.int64], count: int) -> sparse.csr_array:
-    """(N, count) float32, 1 in the column of each row and 0 elsewhere."""
-    return sparse.csr_array(
-        (np.ones(len(column), np.float32), column, np.arange(len(column) + 1)), (len(column), count)
-    )
 
 
 def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -109,10 +104,9 @@ SAMPLE = 20_000
 
 
 def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
-    """Cluster (N, C) codes; a random sample is clustered, and the others take the cluster of the nearest one.
+    """(N,) int64 clusters of (N, C) codes, -1 for none and for codes whose (N,) share is 0.
 
-    Returns:
-        (N,) int64 cluster, from 0, or -1 for none and for codes whose (N,) share is 0.
+    A random sample is clustered, and the others take the cluster of the nearest one.
     """
     # Imported here: it takes a second, which other methods need not wait.
     from sklearn.cluster import HDBSCAN
@@ -135,10 +129,9 @@ def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
 
 
 def principal_components(values: Tensor, sample: Tensor) -> Tensor:
-    """Coordinates of (N, C) values along the axes of most variance in a sample of them, (S,) int64 rows.
+    """(N, min(C, COMPONENTS)) coordinates of (N, C) values along the axes of most variance in a sample, (S,) int64 rows.
 
-    Returns:
-        (N, min(C, COMPONENTS)), scaled so that the largest is 1, and rounded.
+    They are scaled so that the largest is 1, and rounded.
     """
     drawn = values[sample].double()
     mean = drawn.mean(dim=0)

@@ -41,16 +41,15 @@ class Scale:
 
 def pyramid(height: int, width: int) -> list[Scale]:
     """Lay out the seven scales of an image, finest first; 881 tiles if it is a square of 512 pixels."""
-    return [_scale(ratio, height, width) for ratio in RATIOS]
-
-
-def _scale(ratio: float, height: int, width: int) -> Scale:
-    # A little more, because 64 * 0.625 must not round down to 39.
-    kernel = max(1, int(ratio * height + 1e-6))
-    overlap = min(max((ratio - _APART) / (_HALF - _APART), 0.0), 1.0) / 2
-    stride = max(1, int(kernel * (1 - overlap) + 1e-6))
-    padding = 2 * (kernel // 2) - kernel
-    return Scale(kernel, stride, (height + padding) // stride + 1, (width + padding) // stride + 1)
+    scales = []
+    for ratio in RATIOS:
+        # A little more, because 64 * 0.625 must not round down to 39.
+        kernel = max(1, int(ratio * height + 1e-6))
+        overlap = min(max((ratio - _APART) / (_HALF - _APART), 0.0), 1.0) / 2
+        stride = max(1, int(kernel * (1 - overlap) + 1e-6))
+        rows, columns = ((side + 2 * (kernel // 2) - kernel) // stride + 1 for side in (height, width))
+        scales.append(Scale(kernel, stride, rows, columns))
+    return scales
 
 
 def at_pixels(tiles: Tensor, scale: Scale, pixels: Tensor) -> Tensor:
@@ -70,13 +69,9 @@ def at_pixels(tiles: Tensor, scale: Scale, pixels: Tensor) -> Tensor:
 
 
 class TileViews:
-    """The tiles of frames, as many as ``stored_rows`` holds in memory.
+    """The tiles of frames, as many as ``stored_rows`` holds in memory, with D ``channels`` and their layout by scale, finest first.
 
-    Attributes:
-        scales: layout of each scale, finest first.
-        channels: D of the features.
-        components: K of the regulariser; 0 without one.
-        stands_in: what replaces the foreign model of the published methods.
+    ``components`` are K of the regulariser, 0 without one; ``stands_in`` says what replaces the published methods' model.
     """
 
     def __init__(self, learnt_from: Sequence[Artifact], frames: Artifact, device: torch.device) -> None:
@@ -90,8 +85,8 @@ class TileViews:
         self.components = tiles.shape("regulariser")[-1] if tiles.has("regulariser") else 0
         names = [*TILE_SCALES, *(["regulariser"] if self.components else [])]
         self._rows = {name: _rows_of(tiles, name) for name in names}
-        found = "SAM2's encoder" if self.components else "no regulariser"
-        self.stands_in = f"{found} in place of DINO"
+        self.stands_in = "SAM2's encoder" if self.components else "no regulariser"
+        self.stands_in += " in place of DINO"
 
     def check_has(self, frames: NDArray[np.int64]) -> None:
         """Raise UserError unless all frames have tiles."""
@@ -105,19 +100,18 @@ class TileViews:
         return self._rows[TILE_SCALES[number]][self._row[frame]]
 
     def between(self, frame: int, pixels: Tensor, scale: Tensor, part: Tensor) -> Tensor:
-        """Interpolate between the tiles of a (P,) int64 scale and the next, (P,) ``part`` of 0 to 1, at (P, 2) columns and rows.
+        """(P, D) float32 features at (P, 2) columns and rows, not normalized.
 
-        Returns:
-            (P, D) float32, not normalized.
+        They are interpolated between the tiles of a (P,) int64 scale and the next, (P,) ``part`` of 0 to 1.
         """
         found = torch.zeros(len(pixels), self.channels)
         for number in scale.unique().tolist():
             chosen = scale == number
-            ends = [
-                at_pixels(self.read(frame, one), self.scales[one], pixels[chosen])
-                for one in (number, number + 1)
-            ]
-            found[chosen] = torch.lerp(*ends, part[chosen, None])
+            first, second = (
+                at_pixels(self.read(frame, end), self.scales[end], pixels[chosen])
+                for end in (number, number + 1)
+            )
+            found[chosen] = torch.lerp(first, second, part[chosen, None])
         return found
 
     def regulariser(self, frame: int) -> Tensor | None:

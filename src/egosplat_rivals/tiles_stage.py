@@ -42,14 +42,9 @@ def run(
     chunk: int | None = None,
     gather: Sequence[Path] = (),
 ) -> None:
-    """Write the tiles of the training frames. A killed run resumes and gives identical features.
+    """Write the tiles of the training frames, but for those that a survey excludes; ``chunk`` and ``gather`` as in ``Work``.
 
-    Args:
-        survey_path: excludes frames.
-        chunk, gather: as in ``Work``.
-
-    Raises:
-        UserError: an input or a model cannot be read, or no frame trains.
+    A killed run resumes and gives identical features. UserError if an input or a model cannot be read, or no frame trains.
     """
     frames = open_artifact(frames_path, FRAMES)
     kept, by_survey = kept_frames(frames, survey_path)
@@ -65,18 +60,16 @@ def run(
     def encode_rows(rows: NDArray[np.integer]) -> Iterator[Tensor]:
         clip = load_open_clip(options.clip_model, options.clip_checkpoint, options.device, options.precision)
         for row in rows:
-            tiles = encode_tiles(clip, frames.row("rgb", row), scales, turned, BATCH)
-            yield torch.from_numpy(tiles)
+            yield torch.from_numpy(encode_tiles(clip, frames.row("rgb", row), scales, turned))
 
     work = Work(output, record, frames.shape("rgb")[0], chunk, gather)
     found = work.results(lambda chunks: rows[lie_within(rows, chunks)], encode_rows, "encoding tiles")
     if found is None:
         return
     done = [tiles.numpy() for tiles in found]
-    small = options.clip_checkpoint == SMALL
-    made_with = {"model": options.clip_model, "checkpoint": options.clip_checkpoint, "small": small}
+    clip = {"model": options.clip_model, "checkpoint": options.clip_checkpoint}
     facts = {
-        "clip": made_with | {"hash": used[CLIP.checkpoint_key]},
+        "clip": clip | {"small": options.clip_checkpoint == SMALL, "hash": used[CLIP.checkpoint_key]},
         "scales": [asdict(scale) for scale in scales],
         "regulariser": options.regulariser,
     }
@@ -94,11 +87,10 @@ def run(
     log(f"{sum(map(len, done)):,} tiles of {len(rows)} frames{without}")
 
 
-def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool, batch: int) -> Halves:
-    """Encode all tiles of an (H, W, 3) uint8 frame, scale by scale, row by row, ``turned`` upright first.
+def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool) -> Halves:
+    """(T, D) float16 unit features of all tiles of an (H, W, 3) uint8 frame, scale by scale, row by row; 0 if not finite.
 
-    Returns:
-        (T, D) float16 of unit norm; 0 where the model gives no finite feature.
+    The tiles of a frame that lies on its side, ``turned``, are turned upright.
     """
     wanted = clip.preprocessing
     tiles = [
@@ -106,7 +98,7 @@ def encode_tiles(clip: OpenClip, rgb: Pixels, scales: list[Scale], turned: bool,
         for scale in scales
         for tile in cut_tiles(rgb, scale)
     ]
-    parts = [encode(clip, np.stack(tiles[begin : begin + batch])) for begin in range(0, len(tiles), batch)]
+    parts = [encode(clip, np.stack(tiles[begin : begin + BATCH])) for begin in range(0, len(tiles), BATCH)]
     return np.nan_to_num(np.concatenate(parts)).astype(np.float16)
 
 
@@ -138,8 +130,8 @@ _FRAMES = 32
 
 
 def image_maps(
-    sam2: Sam2, images: Callable[[int], NDArray[np.uint8]], rows: NDArray[np.integer]
-) -> tuple[NDArray[np.float16], float]:
+    sam2: Sam2, images: Callable[[int], Pixels], rows: NDArray[np.integer]
+) -> tuple[Halves, float]:
     """Encode frames at SAM2's coarsest resolution, one sixteenth of its square, and keep the principal components.
 
     (V, h, w, K) float16 components of the channels, each channel of mean 0 and variance 1 over the scene; and the part of the
@@ -169,7 +161,7 @@ def principal_components(centered: Tensor, count: int) -> tuple[Tensor, float]:
     return chosen * largest.sign(), kept
 
 
-def _map(sam2: Sam2, image: NDArray[np.uint8]) -> Tensor:
+def _map(sam2: Sam2, image: Pixels) -> Tensor:
     """(h, w, C) float32 on the CPU."""
     with sam2.compute.inference():
         return image_encoder.encode(sam2, image).image(-1)[0].permute(1, 2, 0).float().cpu()

@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.files import labels_folder, labels_of
 from egosplat.errors import UserError
-from egosplat.frames.recording import AnnotationKeys, Annotations, Instance
+from egosplat.frames import pictures
+from egosplat.frames.options import FramesOptions
+from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, Recording
 from egosplat.frames.video import open_source
 
 # Largest number of pictures' names in a message.
@@ -18,7 +20,6 @@ _EXAMPLES = {
     "lerf": ("figurines", "labels (frame_00041.json, ...)", "lerf_ovs/label/{} of LangSplat's download"),
     "3d_ovs": ("bed", "folder of masks (04/CLASS.png)", "segmentations/ of 3D-OVS's download"),
 }
-
 
 # Index among the instances and (H, W) bool mask.
 LabeledObject = tuple[int, NDArray[np.bool_]]
@@ -37,13 +38,19 @@ def find_labels(format: str, path: Path) -> dict[str, Path]:
     )
 
 
-def match_labels(labels: Mapping[str, Path], pictures: Sequence[str]) -> dict[int, Path]:
+def open_labeled(format: str, path: Path, options: FramesOptions) -> Recording:
+    """Open the pictures of a scene, of which the labeled ones are taken whatever the stride."""
+    labels = find_labels(format, path)
+    return pictures.open_recording(path, options, lambda names: [*match_labels(labels, names)])
+
+
+def match_labels(labels: Mapping[str, Path], names: Sequence[str]) -> dict[int, Path]:
     """The labels of a benchmark by the index of the picture, in its order; UserError for one of no picture, or of two.
 
     ``labels`` are by the name of the picture, without folder and extension; or by its place in the natural order, from 0, if
     no picture is named by a number.
     """
-    stems = [PurePosixPath(name).stem for name in pictures]
+    stems = [PurePosixPath(name).stem for name in names]
     numbered = any(stem.isdecimal() for stem in stems)
     matched: dict[int, Path] = {}
     for name, label in labels.items():
@@ -51,8 +58,10 @@ def match_labels(labels: Mapping[str, Path], pictures: Sequence[str]) -> dict[in
         if not indices and not numbered and name.isdecimal() and int(name) < len(stems):
             indices = [int(name)]
         if len(indices) != 1:
-            listed = ", ".join(pictures[index] for index in indices) or "none"
-            shown = ", ".join(pictures[:_MAX_NAMES])
+            listed, shown = (
+                ", ".join(names[index] for index in indices) or "none",
+                ", ".join(names[:_MAX_NAMES]),
+            )
             raise UserError(
                 f"{label}: labels one picture, and {listed} of {shown}, ... is named {name}. Add the picture, or remove the label."
             )
@@ -82,17 +91,15 @@ def annotate(
 
 
 def _instances(categories: Sequence[str]) -> list[Instance]:
-    found: list[Instance] = []
+    instances = []
     for number, category in enumerate(categories, start=1):
-        same = sum(one.category == category for one in found)
-        name = f"{category} {same + 1}" if categories.count(category) > 1 else category
-        found.append(Instance(number, name, category, "static", "object"))
-    return found
+        several = categories.count(category) > 1
+        name = f"{category} {categories[:number].count(category)}" if several else category
+        instances.append(Instance(number, name, category, "static", "object"))
+    return instances
 
 
-def paint_layers(
-    objects: Iterable[tuple[int, NDArray[np.bool_]]], size: tuple[int, int]
-) -> NDArray[np.int32]:
+def paint_layers(objects: Iterable[LabeledObject], size: tuple[int, int]) -> NDArray[np.int32]:
     """Paint masks that may overlap, (H, W) bool each, into (L, H, W) int32 maps of their indices; -1 for none.
 
     The first layer has all objects, smaller ones over larger ones; further layers have those that it shows in part, whole.
@@ -110,7 +117,7 @@ def paint_layers(
     return np.stack(layers)
 
 
-def _paint(objects: Iterable[tuple[int, NDArray[np.bool_]]], size: tuple[int, int]) -> NDArray[np.int32]:
+def _paint(objects: Iterable[LabeledObject], size: tuple[int, int]) -> NDArray[np.int32]:
     painted = np.full(size, -1, np.int32)
     for index, mask in objects:
         painted[mask] = index

@@ -7,6 +7,8 @@ their own. The boxes of the file, which are those of the polygons, are not read.
 
 from collections import Counter
 from collections.abc import Iterator
+from functools import partial, reduce
+from operator import or_
 from pathlib import Path
 from typing import Any
 
@@ -16,30 +18,23 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.frames import pictures
-from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording import AnnotationKeys, Annotations, Recording
-from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate, find_labels, match_labels
+from egosplat.frames.recording import AnnotationKeys, Annotations
+from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate, find_labels, open_labeled
 
 _LEAST_POINTS = 3
 # A polygon's points lie in its picture; what lies far outside is in another unit.
 _MOST_PX = 2**20
 
 
-def open_recording(path: Path, options: FramesOptions) -> Recording:
-    """Open the pictures of a scene."""
-    labels = find_labels("lerf", path)
-    return pictures.open_recording(path, options, lambda names: [*match_labels(labels, names)])
+open_recording = partial(open_labeled, "lerf")
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations:
     """Read the labels of a scene; UserError if there are none, one is damaged or of another size, or a polygon is none."""
     labels = find_labels("lerf", path)
     read = {label: _read_label(label) for label in labels.values()}
-    most: Counter[str] = Counter()
-    for _, objects in read.values():
-        most |= Counter(category for category, _ in objects)
-    categories = sorted(most.elements())
+    counts = [Counter(category for category, _ in objects) for _, objects in read.values()]
+    categories = sorted(reduce(or_, counts).elements())
 
     def objects_of(label: Path, size: tuple[int, int]) -> list[LabeledObject]:
         labeled_size, objects = read[label]

@@ -3,6 +3,7 @@
 ``segmentations/classes.txt`` names a class a line, and ``segmentations/04/CLASS.png`` is white where picture ``04`` shows it.
 """
 
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,19 +12,14 @@ import numpy as np
 from egosplat.calibration.files import OVS_CLASSES, labels_folder, list_masks
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
-from egosplat.frames import pictures
 from egosplat.frames.images import read_rgb
-from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording import AnnotationKeys, Annotations, Recording
-from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate, find_labels, match_labels
+from egosplat.frames.recording import AnnotationKeys, Annotations
+from egosplat_rivals.formats.labeled_annotations import LabeledObject, annotate, find_labels, open_labeled
 
 _WHITE = 128
 
 
-def open_recording(path: Path, options: FramesOptions) -> Recording:
-    """Open the pictures of a scene."""
-    labels = find_labels("3d_ovs", path)
-    return pictures.open_recording(path, options, lambda names: [*match_labels(labels, names)])
+open_recording = partial(open_labeled, "3d_ovs")
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations:

@@ -1,6 +1,7 @@
 """Write a table as CSV, GitHub Markdown, LaTeX or HTML, from one frame of texts and one of styles."""
 
 import re
+from collections.abc import Iterator
 from typing import Any
 
 import pandas as pd
@@ -15,9 +16,6 @@ MARKDOWN_MARK, LATEX_MARK = f"<!-- {COMMAND} -->", f"% {COMMAND}"
 
 # A table with more columns shows no intervals in Markdown, and fills both columns of a page in LaTeX.
 MANY = 8
-
-# Decimals of the numbers in CSV.
-DECIMALS = 3
 
 _MARKDOWN = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;"} | {one: f"\\{one}" for one in r"\`*_{}[]|~$#"}
@@ -95,12 +93,12 @@ def to_html(table: Layout) -> str:
     """Write a table element; below a measured number is its interval. Synthetic rows are yellow, the best numbers red and teal."""
     label = len(table.components)
     style = _styler(table, "\n{}–{}").format(escape="html").format_index(escape="html", axis=1)
-    synthetic = [row is not None and row.kind == SYNTHETIC for row in _lines(table)]
+    synthetic = [row is not None and row.kind == SYNTHETIC for row, _ in _lines(table)]
     style.apply(lambda column: [_SYNTHETIC if one else "" for one in synthetic])
     left = {"selector": f".col{label}:not(.col_heading)", "props": _LABEL}
     style.set_table_styles([left], overwrite=False)
     tips = pd.DataFrame("", style.data.index, style.data.columns)
-    for line, row in enumerate(_lines(table)):
+    for line, (row, _) in enumerate(_lines(table)):
         for column, cell in enumerate(row.cells if row else ()):
             if cell.queries is not None:
                 tips.iloc[line, label + 1 + column] = (
@@ -124,7 +122,7 @@ def to_csv(table: Layout) -> str:
     )
     lines = lines.astype({"queries": "Int64", "categories": "Int64"})
     floats = ("percent", "low", "high", "cpu_min", "memory_gib")
-    return lines.astype(dict.fromkeys(floats, float)).round(DECIMALS).to_csv(index=False)
+    return lines.astype(dict.fromkeys(floats, float)).round(3).to_csv(index=False)
 
 
 def _csv_line(table: Layout, row: Row, column: tuple[str, str, str], cell: Cell) -> dict[str, Any]:
@@ -156,25 +154,23 @@ def _harmless(text: str) -> str:
     return f"'{text}" if re.match("[=+@-]", text) else text
 
 
-def _lines(table: Layout) -> list[Row | None]:
-    """The rows, with None for the title above each block."""
-    return [line for _, own in blocks(table.rows) for line in (None, *own)]
+def _lines(table: Layout) -> list[tuple[Row | None, list[int]]]:
+    """The rows with the ranks of their cells; None and no rank for the title above each block."""
+    return [
+        line for _, own in blocks(table.rows) for line in [(None, []), *zip(own, ranks(own), strict=True)]
+    ]
 
 
 def _titles(table: Layout) -> list[int]:
-    return [line for line, row in enumerate(_lines(table)) if row is None]
+    return [line for line, (row, _) in enumerate(_lines(table)) if row is None]
 
 
-def _ranked(table: Layout) -> list[tuple[tuple[int, int], int]]:
+def _ranked(table: Layout) -> Iterator[tuple[tuple[int, int], int]]:
     """Line and column of each cell with a rank, and the rank."""
-    before = len(table.components) + 1
-    found = [rank for _, own in blocks(table.rows) for rank in ([], *ranks(own))]
-    return [
-        ((line, before + column), rank)
-        for line, own in enumerate(found)
-        for column, rank in enumerate(own)
-        if rank
-    ]
+    for line, (_, own) in enumerate(_lines(table)):
+        yield from (
+            ((line, column), rank) for column, rank in enumerate(own, len(table.components) + 1) if rank
+        )
 
 
 def _texts(table: Layout, interval: str) -> pd.DataFrame:

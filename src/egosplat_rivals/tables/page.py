@@ -14,13 +14,10 @@ TEMPLATE = __package__, "page.html.j2"
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page.
+    """A part of a page: the HTML of a table, with escaped texts, between a lead and notes; then pictures.
 
-    Attributes:
-        table: HTML of a table, with escaped texts.
-        style: classes of the table: ``texts``, ``words`` (texts to be wrapped), ``named`` (a name in the first column),
-            ``synthetic`` (numbers of synthetic apartments).
-        notes: below the table.
+    ``style`` are classes of the table: ``words`` (texts to be wrapped), ``named`` (a name in the first column), ``synthetic``
+    (numbers of synthetic apartments).
     """
 
     id: str

@@ -1,5 +1,6 @@
 """Build the paper's five tables: printed numbers, and measured numbers below."""
 
+from collections import ChainMap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain, product
@@ -97,23 +98,19 @@ def _measured_rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
 def _block(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row]:
     """Rows of one block in the paper's order, empty without scores, methods that it lacks, then the chance level."""
     # EgoSplat's series belong to the line of their variant, others to that of their method.
-    known = {
-        line: [
-            one
-            for one in series
-            if (one.method == line if one.first.method else one.first.variant == variant)
-        ]
-        for line, (variant, _) in layout.lines.items()
-    }
-    more = [one for one in series if one.first.method and one.method not in layout.lines]
-    if not more and not any(known.values()):
+    lines = {variant: line for line, (variant, _) in layout.lines.items()}
+    own: dict[str | None, list[Series]] = {}
+    for one in series:
+        own.setdefault(one.first.method or lines.get(one.first.variant), []).append(one)
+    own.pop(None, None)
+    if not own:
         return
-    kind, data = series[0].first.origin, series[0].data
-    for line, own in known.items():
-        yield from (_row(layout, title, layout.lines[line][1], one) for one in own)
-        if not own:
-            yield _empty_row(layout, kind, title, line, data)
-    yield from (_row(layout, title, (), one) for one in more)
+    for line in dict.fromkeys([*layout.lines, *filter(None, own)]):
+        if line in own:
+            _, steps = layout.lines.get(line, (None, ()))
+            yield from (_row(layout, title, steps, one) for one in own[line])
+        else:
+            yield _empty_row(layout, series[0].first.origin, title, line, series[0].data)
     yield from _chance_rows(layout, title, series)
 
 
@@ -121,9 +118,7 @@ def _chance_rows(layout: Layout, title: str, series: Sequence[Series]) -> Iterat
     """Rows with the accuracy of each of ``CHANCE`` on the scenes of a block."""
     if not any(metric == "accuracy" for _, metric, _ in layout.columns):
         return
-    scenes: dict[str, ScoredScene] = {}
-    for one in series:
-        scenes = _scenes_of(layout, one) | scenes
+    scenes = ChainMap(*(_scenes_of(layout, one) for one in series))
     kind, data, steps = series[0].first.origin, series[0].data, (False,) * len(layout.components)
     for answerer, name in CHANCE.items():
         cells = tuple(

@@ -10,15 +10,13 @@ import pandas as pd
 from egosplat.errors import UserError
 from egosplat_rivals.scored_scenes import FULL, ScoredScene, check_protocol, find_series, read_scored_scene
 
-COLUMNS = ("scene", "point", "about", "stage", "measure", "value", "low", "high")
-
 # Name of the point that is the scene itself.
 SCENE = "the scene"
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A cost, a gain or a count; with the factor from the unit in files to that on the page, and decimals there."""
+    """A cost, a gain or a count, with ``scale`` from the unit in files to that on the page, and decimals there."""
 
     heading: str
     unit: str
@@ -70,9 +68,9 @@ def read_runs(metrics: Sequence[Path]) -> list[ScoredScene]:
 
 
 def list_numbers(runs: Sequence[ScoredScene]) -> pd.DataFrame:
-    """List all numbers of the variants in ``COLUMNS``, in the units of ``metrics.json``; ``stage`` is empty for totals.
+    """List all numbers of the variants, in the units of ``metrics.json``; ``stage`` is empty for totals without ``EVALUATION``.
 
-    A total leaves out ``EVALUATION``. ``low`` and ``high`` are the interval of a score over categories.
+    Columns: scene, point, about, stage, measure, value, and low and high, the interval of a score over categories.
     """
     about = {run.path: series.about for series in find_series(runs) for run in series.scenes.values()}
     lines = (
@@ -85,7 +83,7 @@ def list_numbers(runs: Sequence[ScoredScene]) -> pd.DataFrame:
         for run in runs
         for line in _lines(run)
     )
-    return pd.DataFrame(lines, columns=list(COLUMNS)).astype({"value": float, "low": float, "high": float})
+    return pd.DataFrame(lines).astype({"value": float, "low": float, "high": float})
 
 
 def mean_points(numbers: pd.DataFrame, stage: str = "") -> pd.DataFrame:
@@ -97,11 +95,8 @@ def mean_points(numbers: pd.DataFrame, stage: str = "") -> pd.DataFrame:
     scenes = numbers.groupby("point", sort=False).scene.nunique()
     every = scenes.index[scenes == numbers.scene.nunique()]
     places = pd.MultiIndex.from_product([numbers.scene.unique(), every], names=["scene", "point"])
-    return (
-        own.reindex(places, fill_value=0.0)
-        .groupby("point", sort=False)
-        .agg(lambda values: values.mean(skipna=False))
-    )
+    by_point = own.reindex(places, fill_value=0.0).groupby("point", sort=False)
+    return by_point.agg(lambda values: values.mean(skipna=False))
 
 
 def find_front(points: pd.DataFrame, cost: str = "wall_s", gain: str = "accuracy") -> list[str]:
@@ -130,15 +125,15 @@ def _lines(run: ScoredScene) -> Iterator[dict[str, Any]]:
         stages[one["stage"]]["wall_s"] = max(one["wall_s"], one.get("training_s", 0.0))
     made = pd.DataFrame([own for name, own in stages.items() if name not in EVALUATION], dtype=float)
     # A sum without one of its parts would be too small, without a word.
-    for name in COSTS:
-        total = made[name].max(skipna=False) if name == "peak_memory_mb" else made[name].sum(skipna=False)
-        yield {"stage": "", "measure": name, "value": total}
+    totals = {
+        name: made[name].agg("max" if name == "peak_memory_mb" else "sum", skipna=False) for name in COSTS
+    }
     scores = run.document["scores"]["all"]
-    for name in ("accuracy", "mean_iou"):
-        low, high = scores[f"{name}_interval"] or (None, None)
-        yield {"stage": "", "measure": name, "value": scores[name], "low": low, "high": high}
-    yield {"stage": "", "measure": "psnr", "value": run.document["rendering"]["static"]["psnr"]}
-    yield {"stage": "", "measure": "gaussians", "value": run.document["counts"]["gaussians"]}
-    yield {"stage": "", "measure": "queries", "value": scores["count"]}
+    totals |= {name: scores[name] for name in ("accuracy", "mean_iou")}
+    totals["psnr"] = run.document["rendering"]["static"]["psnr"]
+    totals |= {"gaussians": run.document["counts"]["gaussians"], "queries": scores["count"]}
+    for name, value in totals.items():
+        low, high = scores.get(f"{name}_interval") or (None, None)
+        yield {"stage": "", "measure": name, "value": value, "low": low, "high": high}
     for stage, costs in stages.items():
         yield from ({"stage": stage, "measure": name, "value": value} for name, value in costs.items())

@@ -45,14 +45,9 @@ _ONCE = "Each point was run once, so the random variation is not known; interval
 
 
 def run(metrics: Sequence[Path], output: Path) -> None:
-    """Write ``tradeoff.csv``, ``.png`` and ``.html`` atomically; equal inputs give equal bytes.
+    """Write ``tradeoff.csv``, ``.png`` and ``.html`` below ``output`` atomically; equal inputs give equal bytes.
 
-    Args:
-        metrics: ``metrics.json`` of scenes and their variants, each scene itself before its variants.
-        output: folder, created if it does not exist.
-
-    Raises:
-        UserError: a file cannot be read, or the scores cannot be compared.
+    ``metrics`` are ``metrics.json`` of scenes, each itself before its variants. UserError if one cannot be read or compared.
     """
     runs = read_runs(metrics)
     numbers = list_numbers(runs)

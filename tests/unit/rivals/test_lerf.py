@@ -12,9 +12,14 @@ from egosplat_rivals.hash_grid import (
     HashGrid,
     contract,
     corners,
-    exponential,
 )
-from egosplat_rivals.lerf import World, evaluate_at_centers, feature_loss, input_scale
+from egosplat_rivals.lerf import (
+    center_and_unit,
+    evaluate_at_centers,
+    feature_loss,
+    input_scale,
+    learning_rate,
+)
 
 
 @pytest.mark.parametrize(
@@ -48,14 +53,11 @@ def test_contraction_of_far_points():
 
 
 def test_the_world_has_its_farthest_camera_at_one():
-    poses = np.tile(np.eye(4), (3, 1, 1))
-    poses[:, 0, 3] = [1.0, 3.0, 8.0]
-    world = World(poses, torch.device("cpu"))
-    assert float(world.local(torch.tensor([8.0, 0, 0]))[0]) == pytest.approx(1.0)
-    assert World(poses[:1], torch.device("cpu")).unit == 1.0  # cameras at one place
-    small = poses.copy()
-    small[:, 0, 3] *= 1e-7
-    assert World(small, torch.device("cpu")).unit == pytest.approx(1e-7 * world.unit)
+    positions = np.array([[1.0, 0, 0], [3.0, 0, 0], [8.0, 0, 0]])
+    center, unit = center_and_unit(positions)
+    assert center.tolist() == [4.0, 0.0, 0.0] and unit == 4.0
+    assert center_and_unit(positions[:1])[1] == 1.0  # cameras at one place
+    assert center_and_unit(1e-7 * positions)[1] == pytest.approx(1e-7 * unit)
 
 
 def test_the_grid_has_its_resolutions_and_interpolates_between_corners():
@@ -77,7 +79,7 @@ def test_weights_of_corners_add_up_to_one_at_every_edge(at):
 
 
 def test_the_rate_falls_over_four_thousand_steps():
-    rates = [exponential(1e-2, 1e-3, 4000, step) for step in (0, 2000, 4000, 9000)]
+    rates = [learning_rate(step) for step in (0, 2000, 4000, 9000)]
     assert rates == pytest.approx([1e-2, 10**-2.5, 1e-3, 1e-3])
 
 
