@@ -15,18 +15,13 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.loop import Layers, Step, Trainee, adam, fewer_iterations, train
 
-# Published: numbers of a code, layers of both decoders, learning rates, and iterations.
-CHANNELS = 16
-HIDDEN = (256,) * 8
-SKIPS = ((0, 2), (2, 5))
+# Published: numbers of a code, layers of both decoders, learning rates, and iterations; weights of the entropy in the two
+# halves of training, and of the variance in the second; half of the resolution, and the side of the square over which
+# weights of levels are averaged there.
+CHANNELS, HIDDEN, SKIPS = 16, (256,) * 8, ((0, 2), (2, 5))
 SCALES = (CHANNELS, 64, 128, 64, 32, 16, 3)
-_CODE_RATE, _LAYER_RATE = 1e-3, 1e-4
-_ITERATIONS = 30_000
-
-# Published: weights of the entropy in the two halves of training, and of the variance in the second.
+_CODE_RATE, _LAYER_RATE, _ITERATIONS = 1e-3, 1e-4, 30_000
 ENTROPY, VARIANCE = (0.001, 0.002), 0.1
-
-# Published: half of the resolution, and the side of the square over which weights of levels are averaged there.
 _STRIDE, _SMOOTHED = 2, 5
 
 
@@ -61,10 +56,8 @@ def entropy(weights: Tensor) -> Tensor:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """S pixels drawn from R regions: (S,) int64 index of each, and its region in [0, R), sorted.
-
-    ``size`` and ``drawn`` are the (R,) int64 pixels that each region has in all, and that were drawn from it.
-    """
+    """S pixels drawn from R regions: (S,) int64 index of each, its region in [0, R), sorted; the (R,) int64 pixels that a
+    region has in all (``size``), and that were drawn from it."""
 
     pixel: Tensor
     region: Tensor

@@ -17,11 +17,9 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.loop import Step, Trainee, adam, fewer_iterations, train
 
-# Published: words of the codebook, words in a code, and iterations of each level's model.
-WORDS, CHOSEN, _ITERATIONS = 64, 4, 10_000
-
-# Rounds of k-means; on instance features, 20 leave nothing to gain.
-_ROUNDS = 20
+# Published: words of the codebook, words in a code, and iterations of each level's model. Rounds of k-means; on instance
+# features, 20 leave nothing to gain.
+WORDS, CHOSEN, _ITERATIONS, _ROUNDS = 64, 4, 10_000, 20
 
 
 def train_mixtures(

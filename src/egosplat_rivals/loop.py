@@ -81,7 +81,11 @@ class Layers(nn.Module):
         """Start from random weights of ``seed``; the other arguments are those of ``Decoder``."""
         super().__init__()
         self._described = Decoder(widths, np.zeros(0, np.float32), **more)
-        self.values = nn.Parameter(_random(widths, seed).to(device))
+        draw = torch.Generator().manual_seed(seed)
+        # Uniform within one over the root of a layer's inputs, as PyTorch's linear layers start.
+        sizes = [(wide * (narrow + 1), narrow) for narrow, wide in pairwise(widths)]
+        parts = [(2 * torch.rand(size, generator=draw) - 1) / narrow**0.5 for size, narrow in sizes]
+        self.values = nn.Parameter(torch.cat(parts).to(device))
 
     def forward(self, codes: Tensor) -> Tensor:
         """(..., C) codes -> (..., D)."""
@@ -90,14 +94,6 @@ class Layers(nn.Module):
     def trained(self) -> Decoder:
         """The decoder with the weights of now."""
         return replace(self._described, values=self.values.detach().cpu().numpy())
-
-
-def _random(widths: tuple[int, ...], seed: int) -> Tensor:
-    """Uniform weights and biases within one over the root of a layer's inputs, as PyTorch's linear layers start."""
-    draw = torch.Generator().manual_seed(seed)
-    sizes = [(wide * (narrow + 1), narrow) for narrow, wide in pairwise(widths)]
-    parts = [(2 * torch.rand(size, generator=draw) - 1) / narrow**0.5 for size, narrow in sizes]
-    return torch.cat(parts)
 
 
 def adam(groups: Iterable[tuple[Iterable[nn.Parameter], float]]) -> torch.optim.Adam:

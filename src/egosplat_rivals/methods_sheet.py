@@ -19,16 +19,11 @@ from egosplat.report.sheets.queries_sheet import (
 )
 from egosplat_rivals.scored_scenes import OWN, read_scored_scene
 
-# Maximum number of best queries, and of worst ones.
-ROWS = 4
+# Most best queries, and worst ones; width of an image on the page [inches].
+ROWS, CELL = 4, 2.1
 
-# Width of an image on the page [inches].
-CELL = 2.1
-
-# Frame and category of a query.
+# Frame and category of a query, and titles of the two blocks.
 Asked = tuple[int, str]
-
-# Titles of the two blocks.
 BEST = "best: hits of half of the methods with the highest mean IoU, one per category"
 WORST = "worst: misses of most methods with the lowest mean IoU, one per category"
 

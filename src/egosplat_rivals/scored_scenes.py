@@ -176,10 +176,7 @@ def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:
         name = names[first.models]
         checkpoints = f"{name} {hashes}" if counts[name] > 1 else name
         series.append(Series(first, checkpoints, dict(sorted(group.items()))))
-    return sorted(
-        series,
-        key=lambda row: (row.first.method is not None, row.method, row.first.variant, row.checkpoints),
-    )
+    return sorted(series, key=lambda row: (row.method != OWN, row.method, row.first.variant, row.checkpoints))
 
 
 def check_protocol(scenes: Sequence[ScoredScene]) -> None:

@@ -96,11 +96,9 @@ def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Te
 # Published: principal components; Gaussians near a dense one; Gaussians of the smallest cluster.
 COMPONENTS, NEIGHBORS, LEAST = 50, 10, 500
 
-# Decimals kept of coordinates whose largest is 1: what is left out is rounding of sums, and no cluster.
-_DECIMALS = 5
-
-# Gaussians that are clustered: the time grows with the square of their number.
-SAMPLE = 20_000
+# Gaussians that are clustered: the time grows with the square of their number. Decimals kept of coordinates whose largest
+# is 1: what is left out is rounding of sums, and no cluster.
+SAMPLE, _DECIMALS = 20_000, 5
 
 
 def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:

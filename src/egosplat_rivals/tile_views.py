@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import TILE_SCALES
 from egosplat.errors import UserError
-from egosplat.gaussians.training_views import StoredRows, stored_rows
+from egosplat.gaussians.training_views import stored_rows
 
 # Sides of the tiles as parts of the image's height.
 RATIOS = tuple(0.05 + 0.075 * number for number in range(7))
@@ -84,7 +85,10 @@ class TileViews:
         self.channels = tiles.shape(TILE_SCALES[0])[-1]
         self.components = tiles.shape("regulariser")[-1] if tiles.has("regulariser") else 0
         names = [*TILE_SCALES, *(["regulariser"] if self.components else [])]
-        self._rows = {name: _rows_of(tiles, name) for name in names}
+        self._rows = {}
+        for name in names:
+            count, *shape = tiles.shape(name)
+            self._rows[name] = stored_rows(count, tuple(shape), "float16", partial(tiles.row, name))
         self.stands_in = "SAM2's encoder" if self.components else "no regulariser"
         self.stands_in += " in place of DINO"
 
@@ -119,12 +123,6 @@ class TileViews:
         if not self.components:
             return None
         return self._rows["regulariser"][self._row[frame]].float()
-
-
-def _rows_of(tiles: Artifact, name: str) -> Tensor | StoredRows:
-    """The array ``name`` of all frames."""
-    count, *shape = tiles.shape(name)
-    return stored_rows(count, tuple(shape), "float16", lambda row: tiles.row(name, row))
 
 
 def nearest(image: Tensor, pixels: Tensor, width: int, height: int) -> Tensor:

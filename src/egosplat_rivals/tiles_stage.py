@@ -122,11 +122,8 @@ def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> Non
         begin = end
 
 
-# Most principal components that are kept.
-COMPONENTS = 64
-
-# Most frames that the principal components are computed from.
-_FRAMES = 32
+# Most principal components that are kept, and most frames that they are computed from.
+COMPONENTS, _FRAMES = 64, 32
 
 
 def image_maps(

@@ -105,20 +105,14 @@ def paint_layers(objects: Iterable[LabeledObject], size: tuple[int, int]) -> NDA
     The first layer has all objects, smaller ones over larger ones; further layers have those that it shows in part, whole.
     """
     largest_first = sorted(objects, key=lambda one: -int(one[1].sum()))
-    layers = [_paint(largest_first, size)]
+    layers = [np.full(size, -1, np.int32)]
+    for index, mask in largest_first:
+        layers[0][mask] = index
     for index, mask in largest_first:
         if (layers[0][mask] == index).all():
             continue
         free = next((layer for layer in layers[1:] if (layer[mask] < 0).all()), None)
         if free is None:
-            layers.append(_paint([(index, mask)], size))
-        else:
-            free[mask] = index
+            layers.append(free := np.full(size, -1, np.int32))
+        free[mask] = index
     return np.stack(layers)
-
-
-def _paint(objects: Iterable[LabeledObject], size: tuple[int, int]) -> NDArray[np.int32]:
-    painted = np.full(size, -1, np.int32)
-    for index, mask in objects:
-        painted[mask] = index
-    return painted

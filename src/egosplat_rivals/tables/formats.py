@@ -99,11 +99,9 @@ def to_html(table: Layout) -> str:
     style.set_table_styles([left], overwrite=False)
     tips = pd.DataFrame("", style.data.index, style.data.columns)
     for line, (row, _) in enumerate(_lines(table)):
-        for column, cell in enumerate(row.cells if row else ()):
+        for column, cell in enumerate(row.cells if row else (), label + 1):
             if cell.queries is not None:
-                tips.iloc[line, label + 1 + column] = (
-                    f"{cell.queries} queries of {cell.categories} categories"
-                )
+                tips.iloc[line, column] = f"{cell.queries} queries of {cell.categories} categories"
     return style.set_tooltips(tips).to_html()
 
 

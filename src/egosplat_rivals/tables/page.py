@@ -9,7 +9,7 @@ import pandas as pd
 from egosplat.report.html_page import Picture
 
 # The package and the name of the template of all pages here.
-TEMPLATE = __package__, "page.html.j2"
+TEMPLATE = "egosplat_rivals.tables", "page.html.j2"
 
 
 @dataclass(frozen=True)

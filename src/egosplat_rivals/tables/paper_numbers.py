@@ -32,13 +32,9 @@ def find_notes(table: str) -> list[Note]:
     ]
 
 
-def find_printed(table: str, scene: str, method: str, metric: str, group: str) -> float:
-    """A printed number [%], by the name and a line of a layout; raises KeyError if the paper prints no such number."""
-    return _numbers()[table, scene, method, metric, group]
-
-
 @functools.cache
-def _numbers() -> Mapping[tuple[str, ...], float]:
+def printed_numbers() -> Mapping[tuple[str, ...], float]:
+    """The printed numbers [%] by table, scene, line of its layout, metric and group."""
     table = _read("paper_numbers.csv", index_col=["table", "scene", "method", "metric"])
     return table.rename_axis(columns="group").stack().dropna().to_dict()
 
@@ -65,7 +61,7 @@ def _ablation(
     name: str, caption: str, scenes: tuple[str, ...], lines: dict[str, str], components: tuple[str, str]
 ) -> Layout:
     """A table of EgoSplat's variants: without both components, with the first, and with both."""
-    place = AVERAGE if len(scenes) > 1 else scenes[0]
+    place = AVERAGE if scenes[1:] else scenes[0]
     columns = tuple((place, metric, group) for metric in METRICS for group in GROUPS)
     headings = tuple((f"{_SHORT[metric]} (%)", group.capitalize()) for metric in METRICS for group in GROUPS)
     steps = ((False, False), (True, False), (True, True))

@@ -20,7 +20,7 @@ from egosplat_rivals.scored_scenes import (
     Series,
     percent_bounds,
 )
-from egosplat_rivals.tables.paper_numbers import LAYOUTS, find_notes, find_printed, scenes_of
+from egosplat_rivals.tables.paper_numbers import LAYOUTS, find_notes, printed_numbers, scenes_of
 from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layout, Note, Row, blocks
 
 INTERVALS = (
@@ -42,9 +42,7 @@ def _fill(layout: Layout, series: Sequence[Series]) -> Layout:
     notes = [replace(one, mark=next(letters) if one.cells else "") for one in find_notes(layout.name)]
     measured = _measured_rows(layout, own)
     marks = {text: next(letters) for text in dict.fromkeys(one for row in measured for one in row.stands_in)}
-    measured = [
-        replace(row, mark=",".join(sorted(marks[text] for text in row.stands_in))) for row in measured
-    ]
+    measured = [replace(row, mark=",".join(sorted(marks[one] for one in row.stands_in))) for row in measured]
     synthetic = f" The last rows are of {APARTMENTS}, not of {NAMES[layout.dataset]}."
     return replace(
         layout,
@@ -71,7 +69,7 @@ def _printed_rows(layout: Layout, notes: Sequence[Note]) -> Iterator[Row]:
             method,
             name,
             steps,
-            tuple(Cell(find_printed(layout.name, *key)) for key in keys),
+            tuple(Cell(printed_numbers()[layout.name, *key]) for key in keys),
             checkpoints="the paper's",
             variant=line if steps else "",
             marks=tuple(next((note.mark for note in notes if key in note.cells), "") for key in keys),

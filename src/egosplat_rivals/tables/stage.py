@@ -16,8 +16,6 @@ from egosplat_rivals.tables.paper_numbers import in_a_table
 from egosplat_rivals.tables.paper_tables import paper_tables
 from egosplat_rivals.tables.table import Layout
 
-PAGE = "tables.html"
-
 _FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
 
 
@@ -38,12 +36,12 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
     check_protocol(scenes)
     series = find_series(scenes)
     tables = paper_tables(series)
-    page = write_page(tables, series, pictures)
+    page, path = write_page(tables, series, pictures), output / "tables.html"
     for table in tables:
         for suffix, form in _FORMATS.items():
             write_text(output / f"{table.name}.{suffix}", form(table))
-    write_text(output / PAGE, page)
-    log(f"{len(scenes)} scored scenes in {len(tables)} tables: {output / PAGE}")
+    write_text(path, page)
+    log(f"{len(scenes)} scored scenes in {len(tables)} tables: {path}")
 
 
 def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Sequence[Path]) -> str:

@@ -1,17 +1,15 @@
 """The tables of results: their layout, their rows and their notes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import Cell
 
-# Kinds of rows: printed in the paper, measured on recordings, measured on synthetic apartments.
-PRINTED, REAL, SYNTHETIC = "printed", "real", "synthetic"
-
-# Name of the average, instead of a scene.
-AVERAGE = "average"
+# Kinds of rows: printed in the paper, measured on recordings, measured on synthetic apartments. Name of the average in place
+# of a scene.
+PRINTED, REAL, SYNTHETIC, AVERAGE = "printed", "real", "synthetic", "average"
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ class Layout:
     scenes: tuple[str, ...]
     columns: tuple[tuple[str, str, str], ...]
     headings: tuple[tuple[str, str], ...]
-    lines: dict[str, tuple[str | None, tuple[bool, ...]]]
+    lines: Mapping[str, tuple[str | None, tuple[bool, ...]]]
     components: tuple[str, ...] = ()
     rows: tuple[Row, ...] = ()
     notes: tuple[Note, ...] = ()

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 
@@ -119,13 +118,10 @@ def _points_table(numbers: pd.DataFrame) -> str:
 
     def cell(label: str, name: str) -> str:
         text = MEASURES[name].text(points.loc[label, name])
-        bounds = None if several else totals.loc[(label, name), ["low", "high"]].dropna()
+        if several or (bounds := totals.loc[(label, name), ["low", "high"]].dropna()).empty:
+            return text
         # The interval is on a second line.
-        return (
-            text
-            if bounds is None or bounds.empty
-            else f"{text}\n{'–'.join(map(MEASURES[name].text, bounds))}"
-        )
+        return f"{text}\n{'–'.join(map(MEASURES[name].text, bounds))}"
 
     return plain_table(
         [
@@ -144,21 +140,24 @@ def _bought_table(points: pd.DataFrame) -> str:
         best = [best_within(points, gain, minutes) for gain in ("accuracy", "psnr")]
         if best == last:
             continue
-        last, row = best, {("", "Minutes"): minutes}
+        last = best
+        row: dict[tuple[str, str], int | str] = {("", "Minutes"): minutes}
         for aim, label in zip(("finds most", "looks best"), best, strict=True):
             row[aim, "Point"] = label or "nothing"
             for name in ("wall_s", "cpu_s", *GAINS):
-                row[aim, MEASURES[name].label] = MEASURES[name].text(label and points.loc[label, name])
+                row[aim, MEASURES[name].label] = MEASURES[name].text(
+                    points.loc[label, name] if label else None
+                )
         rows.append(row)
     return plain_table(rows)
 
 
 def _stages_table(numbers: pd.DataFrame, time: str) -> str:
-    measured = set(numbers.stage)
-    order = [*(name for name in STAGES if name not in EVALUATION), *EVALUATION]
+    measured, order = set(numbers.stage), sorted(STAGES, key=lambda stage: stage in EVALUATION)
     costs = {stage: mean_points(numbers, stage)[time] for stage in order if stage in measured}
-    rows: list[dict[str, Any]] = [
-        {"Point": label} | {stage: COSTS[time].text(own.get(label)) for stage, own in costs.items()}
-        for label in mean_points(numbers).index
-    ]
-    return plain_table(rows)
+    return plain_table(
+        [
+            {"Point": label} | {stage: COSTS[time].text(own.get(label)) for stage, own in costs.items()}
+            for label in mean_points(numbers).index
+        ]
+    )
