@@ -120,9 +120,7 @@ class TileViews:
 
     def regulariser(self, frame: int) -> Tensor | None:
         """(h, w, K) float32 map of a frame; None without one."""
-        if not self.components:
-            return None
-        return self._rows["regulariser"][self._row[frame]].float()
+        return self._rows["regulariser"][self._row[frame]].float() if self.components else None
 
 
 def nearest(image: Tensor, pixels: Tensor, width: int, height: int) -> Tensor:

@@ -238,7 +238,7 @@ def test_methods_from_tiles_say_which_frame_lacks_them(scene, checkpoint):
 
 def test_baked_codes_answer_like_the_field_in_a_view_that_it_has_not_seen(scene, camera_to_world, checkpoint):
     """Codes rendered from all Gaussians of a pixel against the field at the pixel's surface."""
-    trained = Field(scene.views, scene.tiles, options_of("field"))
+    trained = Field(scene.views, scene.tiles, LanguageOptions(pixels=PIXELS, seed=0))
     train(trained, len(scene.views), 60, 0, checkpoint)
     scales = torch.tensor([0.0, 0.5])
     code, decoder = evaluate_at_centers(trained, scene.gaussians.means, scales, 6)
