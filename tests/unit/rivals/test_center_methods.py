@@ -115,18 +115,26 @@ def test_views_without_a_mask_shorten_the_mean_and_do_not_turn_it():
     assert bool((share == 1).all())
 
 
-@pytest.mark.parametrize("opacity, seen", [(0.4, 0.0), (0.9, 1.0)])
-def test_a_lone_gaussian_without_a_median_depth_is_not_seen(opacity, seen):
-    _, share = code_of(project_views, blobs([[0.1, 0.0, 2.0]], [opacity]), painted())
-    assert float(share) == seen
+def at_column(column: float, z: float = 2.0) -> list[float]:
+    return [(column + 0.5 - 32.0) / 60.0 * z, 0.0, z]
 
 
-@pytest.mark.parametrize("behind, seen", [(0.049, 1.0), (0.051, 0.0)])
-def test_the_depth_test_is_5_percent_of_the_surface_s_depth(behind, seen):
-    """A faint Gaussian behind a strong one, whose depth is the median."""
-    pair = blobs([[0.1, 0.0, 2.0], [0.1 * (1 + behind), 0.0, 2.0 * (1 + behind)]], [0.9, 0.3])
-    _, share = code_of(project_views, pair, painted())
-    assert share[:, 0].tolist() == [1.0, seen]
+@pytest.mark.parametrize(
+    "means, opacities, seen",
+    [
+        # A lone one that is faint has no median depth.
+        ([at_column(35)], [0.4], [0.0]),
+        ([at_column(35)], [0.9], [1.0]),
+        # The depth test is 5 percent of the surface's depth.
+        ([at_column(35), at_column(35, 2.0 * 1.049)], [0.9, 0.3], [1.0, 1.0]),
+        ([at_column(35), at_column(35, 2.0 * 1.051)], [0.9, 0.3], [1.0, 0.0]),
+        # 10 of 648 pixels are 0.99 px here: the outermost column does not count.
+        ([at_column(column) for column in (0, 1, 62, 63)], [0.9] * 4, [0.0, 1.0, 1.0, 0.0]),
+    ],
+)
+def test_gaussians_are_seen_at_the_surface_and_away_from_the_border(means, opacities, seen):
+    _, share = code_of(project_views, blobs(means, opacities, size=0.02), painted())
+    assert share[:, 0].tolist() == seen
 
 
 @pytest.mark.parametrize("method", [project_views, average_at_centers])
@@ -134,15 +142,6 @@ def test_gaussians_behind_the_camera_and_outside_the_image_get_no_code(method):
     lost = blobs([[0.0, 0.0, -2.0], [5.0, 0.0, 2.0], [0.1, 0.0, 2.0]], [0.9] * 3)
     code, share = code_of(method, lost, painted())
     assert share[:, 0].tolist() == [0.0, 0.0, 1.0] and not code[:2].any()
-
-
-def test_a_gaussian_near_the_border_is_not_seen():
-    """10 of 648 pixels are 0.99 px here: the outermost column and row do not count."""
-    x = [(column + 0.5 - 32.0) / 60.0 * 2.0 for column in (0, 1, 62, 63)]
-    _, share = code_of(
-        project_views, blobs([[each, 0.0, 2.0] for each in x], [0.9] * 4, size=0.02), painted()
-    )
-    assert share[:, 0].tolist() == [0.0, 1.0, 1.0, 0.0]
 
 
 def test_a_gaussian_across_two_segments_takes_the_one_at_its_center_and_lifting_mixes():
@@ -187,13 +186,3 @@ def test_pixels_outside_the_lens_circle_do_not_count(method):
     dark = replace(look(pair, targets), valid=valid)
     _, share = code_of(method, pair, targets, dark)
     assert share[:, 0].tolist() == [0.0, 1.0]
-
-
-@pytest.mark.parametrize("method", [project_views, average_at_centers])
-def test_two_flat_squares_get_their_features(method):
-    """A plane whose left half is one thing and whose right half another, seen in two views."""
-    left, right = plane(2.0, x=-0.45), plane(2.0, x=0.45)
-    code, share = code_of(method, Gaussians.concatenate([left, right]), painted(frames=6))
-    assert bool((share == 1).all())
-    wanted = torch.tensor([LEFT] * left.count + [RIGHT] * right.count)
-    torch.testing.assert_close(code[:, 0], wanted)

@@ -109,21 +109,3 @@ def test_regions_are_the_instances_of_the_level_that_prevails_around_a_pixel():
     assert regions(weights, labels).unique().tolist() == [3]
     weights[..., :] = torch.tensor([0.0, 0.1, 0.9])
     assert regions(weights, labels).unique().tolist() == [-1]
-
-
-def test_the_level_on_which_views_agree_prevails():
-    """Two views whose first and last features disagree, and whose middle ones agree."""
-    torch.manual_seed(0)
-    code = torch.full((1, CHANNELS), 0.1, requires_grad=True)
-    decoder, scales = Layers((CHANNELS, 32, 6), 0, CPU), Layers(SCALES, 1, CPU)
-    adam = torch.optim.Adam([code, *decoder.parameters(), *scales.parameters()], lr=3e-3)
-    axes = torch.eye(6)
-    views = [torch.stack([axes[first], axes[0], axes[last]])[:, None] for first, last in ((1, 2), (3, 4))]
-    for step in range(400):
-        weights = scales(code.detach()).softmax(dim=-1)
-        target = weighted_target(weights, views[step % 2], torch.ones(3, 1, dtype=torch.bool))
-        found = torch.nn.functional.normalize(decoder(code), dim=-1)
-        adam.zero_grad()
-        ((found - target).abs().mean() + 0.001 * entropy(weights)).backward()
-        adam.step()
-    assert float(weights[0, 1]) > 0.95

@@ -28,18 +28,6 @@ def test_a_code_is_the_softmax_cut_to_four_and_divided_by_its_sum():
     torch.testing.assert_close(coefficients(logits), cut / cut.sum(dim=-1, keepdim=True))
 
 
-def test_a_gaussian_seen_by_one_word_alone_ends_with_nearly_all_its_weight():
-    words = torch.eye(WORDS)
-    logits = torch.zeros(1, WORDS, requires_grad=True)
-    adam = torch.optim.Adam([logits], lr=0.05)
-    first = int(coefficients(logits.detach()).argmax())
-    for _ in range(600):
-        adam.zero_grad()
-        (1 - torch.cosine_similarity(coefficients(logits) @ words, words[first : first + 1])).sum().backward()
-        adam.step()
-    assert float(coefficients(logits.detach())[0, first]) > 0.9
-
-
 def test_the_codebook_holds_the_centers_of_clusters():
     rng = np.random.default_rng(0)
     centers = np.eye(WORDS, 80, dtype=np.float32)

@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 
-from egosplat.language.decoder import Decoder, decode
 from egosplat_rivals.legaussians import (
     LEAST_SMOOTHING,
     MIXED,
@@ -80,18 +79,6 @@ def test_the_rate_falls_to_a_tenth_over_a_thousand_passes():
         book.set_rate(passes)
         rates.append(book.optimizer.param_groups[0]["lr"])
     assert rates == pytest.approx([1e-4, 0.55e-4, 1e-5, 1e-5])
-
-
-def test_equal_logits_point_nearer_to_the_longer_word():
-    words = torch.tensor([[1.0, 0.0], [0.0, 3.0]])
-    softmax = Decoder(
-        (2, 2, 2),
-        torch.cat([torch.eye(2).flatten(), torch.zeros(2), words.T.flatten(), torch.zeros(2)]).numpy(),
-        ("softmax", "none"),
-    )
-    torch.testing.assert_close(decode(torch.tensor([[60.0, -60.0]]), softmax), torch.tensor([[1.0, 0.0]]))
-    equal = decode(torch.zeros(1, 2), softmax)[0]
-    assert float(equal[1] / equal[0]) == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize(("uncertainty", "weight"), [(0.0, LEAST_SMOOTHING), (1.0, 1.0)])

@@ -75,14 +75,6 @@ def coded(gaussians: Gaussians, masks: Masks, **changes: object):
     return lift_clusters(look_at(gaussians, masks), masks, options)
 
 
-def test_two_flat_squares_get_their_features():
-    gaussians, right = halves()
-    found = coded(gaussians, Masks([(LEFT, RIGHT)] * 3))
-    wanted = torch.where(right[:, None], torch.tensor(RIGHT), torch.tensor(LEFT))
-    torch.testing.assert_close(found.code[:, 0], wanted)
-    assert float(found.share.min()) > 0.3 and found.decoder is None and len(found.stands_in) == 1
-
-
 def test_a_cluster_takes_the_mean_of_the_masks_that_agree_with_it_each_counting_once():
     """Lifting weights each view by what it shows; a mean of masks does not."""
     gaussians, right = halves()
