@@ -14,12 +14,6 @@ from PIL import UnidentifiedImageError
 from egosplat.errors import UserError, is_out_of_memory, is_system_error, user_message
 from egosplat.pipeline.code_hash import library_version
 
-MORE_THAN_THERE_IS = 2**60
-
-
-def test_a_user_error_prints_its_message_only():
-    assert user_message(UserError("config.yaml: has no key 'a'")) == "config.yaml: has no key 'a'"
-
 
 def test_a_library_without_a_wheel_for_this_python_is_named(monkeypatch):
     """Only readers of ADT and the synthetic apartment import it, and no code needs its version."""
@@ -35,32 +29,10 @@ def test_a_library_without_a_wheel_for_this_python_is_named(monkeypatch):
     assert library_version("no-such-library") == "absent" != library_version("numpy")
 
 
-def test_a_file_that_may_not_be_read_is_named():
-    error = PermissionError(errno.EACCES, "Permission denied", "a.png")
-    assert user_message(error) == "a.png: Permission denied. Check the path and its rights"
-
-
-@pytest.mark.parametrize("filename", ["results/splats.zarr", None])
-def test_a_full_disk_is_reported(filename):
-    told = user_message(OSError(errno.ENOSPC, "No space left on device", filename))
-    where = f"{filename}: " if filename else ""
-    assert (
-        told
-        == f"{where}No space left on device. Make room and start the same command again: complete results are kept"
-    )
-
-
-@pytest.mark.parametrize(
-    "allocate",
-    [
-        lambda: np.empty(MORE_THAN_THERE_IS, np.uint8),
-        lambda: torch.empty(MORE_THAN_THERE_IS, dtype=torch.uint8),
-        lambda: bytes(MORE_THAN_THERE_IS),
-    ],
-)
+@pytest.mark.parametrize("allocate", [np.empty, torch.empty, bytes])
 def test_a_lack_of_memory_is_reported(allocate):
     with pytest.raises((MemoryError, RuntimeError)) as caught:
-        allocate()
+        allocate(2**58)
     told = user_message(caught.value)
     assert told.startswith("no memory left (") and "running.md" in told and "\n" not in told
 
@@ -76,60 +48,51 @@ main()
 def test_a_limit_on_addresses_is_named(tmp_path):
     """The libraries reserve more addresses than most stages ever fill."""
     words = ["splats", "--frames", "a", "--poses", "b", "--output", "c"]
-    done = subprocess.run(
-        [sys.executable, "-c", LIMITED, *words],
-        cwd=tmp_path,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    command, environment = [sys.executable, "-c", LIMITED, *words], os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False)
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2 and line.startswith("egosplat: no memory left (")
     assert "failed to map segment" in line and "ulimit -v allows 600 MB" in line
 
 
-@pytest.mark.parametrize(
-    "error",
-    [ValueError("a"), RuntimeError("a"), UnidentifiedImageError("a"), OSError("a"), OSError(errno.EIO, "a")],
-)
-def test_program_errors_keep_their_traceback(error):
-    assert user_message(error) is None
+NONE_LEFT = "no memory left ("
+
+
+def system(number: int, *file: str) -> OSError:
+    return OSError(number, os.strerror(number), *file)
 
 
 @pytest.mark.parametrize(
-    "error",
+    "error, kind, told",
     [
-        MemoryError(),
-        OSError(errno.ENOMEM, "Cannot allocate memory"),
-        OSError("libraster.so: failed to map segment from shared object"),
-        ImportError("libtorch_cpu.so: failed to map segment from shared object"),
-        RuntimeError("can't start new thread"),
-        RuntimeError("could not create a primitive"),
-        RuntimeError("unable to mmap 8 bytes from file <a>: Cannot allocate memory (12)"),
-        torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2.00 GiB."),
+        (UserError("config.yaml: has no key 'a'"), "", "config.yaml: has no key 'a'"),
+        (UserError("out of memory"), "", "out of memory"),
+        (MemoryError(), "memory", NONE_LEFT),
+        (system(errno.ENOMEM), "memory", NONE_LEFT),
+        (OSError("libraster.so: failed to map segment from shared object"), "memory", NONE_LEFT),
+        (ImportError("libtorch_cpu.so: failed to map segment from shared object"), "memory", NONE_LEFT),
+        (RuntimeError("can't start new thread"), "memory", NONE_LEFT),
+        (RuntimeError("could not create a primitive"), "memory", NONE_LEFT),
+        (RuntimeError("unable to mmap 8 bytes: Cannot allocate memory (12)"), "memory", NONE_LEFT),
+        (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB."), "memory", NONE_LEFT),
+        (system(errno.EACCES, "a"), "system", "a: Permission denied. Check the path and its rights"),
+        (system(errno.EMFILE, "a"), "system", "a: "),
+        (system(errno.EIO, "a"), "system", "a: "),
+        (system(errno.ESTALE, "a"), "system", "a: "),
+        (system(errno.ENOSPC, "a"), "", "a: No space left on device. Make room"),
+        (system(errno.ENOSPC), "", "No space left on device. Make room"),
+        # Of content that cannot be read.
+        (system(errno.ENOENT, "a"), "", "a: "),
+        (system(errno.ENOTDIR, "a"), "", "a: "),
+        # Errors of the program keep their traceback.
+        (system(errno.EIO), "system", None),
+        (OSError("broken data stream"), "", None),
+        (UnidentifiedImageError("a"), "", None),
+        (RuntimeError("checksum mismatch"), "", None),
+        (ValueError("cannot allocate memory"), "", None),
     ],
 )
-def test_a_lack_of_memory_is_a_system_error(error):
-    assert is_out_of_memory(error) and is_system_error(error)
-
-
-@pytest.mark.parametrize("number", [errno.EACCES, errno.EMFILE, errno.EIO, errno.ESTALE])
-def test_missing_rights_and_faults_of_a_file_system_are_system_errors(number):
-    error = OSError(number, "refused", "a")
-    assert is_system_error(error) and not is_out_of_memory(error)
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        FileNotFoundError(errno.ENOENT, "No such file", "a"),
-        NotADirectoryError(errno.ENOTDIR, "Not a directory", "a"),
-        OSError("broken data stream"),
-        RuntimeError("checksum mismatch"),
-        ValueError("cannot allocate memory"),
-        UserError("out of memory"),
-    ],
-)
-def test_unreadable_content_is_not_a_system_error(error):
-    assert not is_system_error(error)
+def test_errors_of_users_and_the_system_are_told_and_those_of_the_program_are_not(error, kind, told):
+    assert is_out_of_memory(error) == (kind == "memory") and is_system_error(error) == bool(kind)
+    message = user_message(error)
+    assert message is None if told is None else message.startswith(told)

@@ -1,8 +1,10 @@
 """Commands that write one file replace what is there only under their own name, or with ``--overwrite``."""
 
+import errno
 import os
 import stat
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from egosplat.files import (
     atomic_file,
     check_new_folder,
     check_output,
+    check_writable,
     expand_home,
     read_json,
     read_user_text,
@@ -55,6 +58,10 @@ NO_FILE: dict[str, Callable[[Path], object]] = {
     "a link to a device": lambda path: path.symlink_to("/dev/null"),
 }
 """Things that may have the name of an output; none is ever replaced."""
+
+
+REFUSED = [(errno.ENOSPC, "Make room"), (errno.EDQUOT, "Make room"), (errno.EACCES, "make it writable")]
+"""Numbers of errors of writing, and what is advised."""
 
 
 def call(monkeypatch, capfd, command: str, folder: Path, *words: object) -> tuple[int, str]:
@@ -116,22 +123,25 @@ def test_what_is_no_file_is_never_replaced(tmp_path, target, name):
 @pytest.mark.parametrize("name", ["query.png", "x.png", "X.PNG", "new/folder/x.png"])
 def test_the_check_leaves_nothing_behind(tmp_path, name):
     check_output(tmp_path / name, "query.png", overwrite=False)
+    check_writable([tmp_path / "logs/deeper"])
     assert not list(tmp_path.iterdir())
+    (tmp_path / "file").touch()
+    check_writable([tmp_path / "file/adt"])  # Snakemake says what is wrong with it
 
 
-def test_a_file_in_place_of_a_folder_is_named(tmp_path):
-    (tmp_path / "file").write_bytes(b"a file")
-    with pytest.raises(UserError, match=f"{tmp_path / 'file'} .*--output"):
-        check_output(tmp_path / "file/deeper/query.png", "query.png", overwrite=True)
+def output(folder: Path) -> None:
+    check_output(folder / "query.png", "query.png", overwrite=True)
 
 
-def test_a_folder_that_cannot_be_written_is_named(monkeypatch, tmp_path):
-    def refused(**_: object) -> None:
-        raise PermissionError(13, "Permission denied")
+@pytest.mark.parametrize("check", [output, lambda folder: check_writable([folder / "results"])])
+@pytest.mark.parametrize("number, advice", REFUSED)
+def test_an_unwritable_folder_is_named_with_the_reason(tmp_path, monkeypatch, check, number, advice):
+    def refuse(**_: object) -> None:
+        raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr("tempfile.NamedTemporaryFile", refused)
-    with pytest.raises(UserError, match=f"{tmp_path}: Permission denied"):
-        check_output(tmp_path / "query.png", "query.png", overwrite=True)
+    monkeypatch.setattr(tempfile, "NamedTemporaryFile", refuse)
+    with pytest.raises(UserError, match=rf"{tmp_path}: {os.strerror(number)}\. .*{advice}"):
+        check(tmp_path)
 
 
 @pytest.mark.parametrize("write", [atomic_file, atomic_directory])
@@ -146,20 +156,11 @@ def test_no_stage_replaces_a_pipe_or_a_device(tmp_path, write):
         assert special.stat() == before and list(tmp_path.iterdir()) == [pipe]
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        os.mkfifo,
-        Path.mkdir,
-        Path.touch,
-        lambda path: path.symlink_to("/nowhere"),
-        lambda path: path.symlink_to("/dev/null"),
-    ],
-)
-def test_a_new_folder_replaces_nothing(tmp_path, make):
+@pytest.mark.parametrize("target", [*NO_FILE, "a file"])
+def test_a_new_folder_replaces_nothing(tmp_path, target):
     """Neither a link, also to nowhere, nor a pipe, nor an empty folder."""
     place = tmp_path / "place"
-    make(place)
+    NO_FILE.get(target, Path.touch)(place)
     with pytest.raises(UserError, match="is there already"):
         check_new_folder(place)
     assert os.path.lexists(place)
@@ -187,33 +188,26 @@ def test_the_tables_replace_their_own_files(tmp_path):
     assert all(before[name][-1] == after[name][-1] for name in before)
 
 
-@pytest.mark.parametrize("content", ["preset: draft".encode("utf-16"), "# caf\u00e9".encode("latin-1")])
-def test_a_user_s_text_in_another_encoding_is_named(tmp_path, content):
-    (tmp_path / "a.yaml").write_bytes(content)
-    with pytest.raises(UserError, match="a.yaml: .*UTF-8"):
+@pytest.mark.parametrize(
+    "make, said",
+    [
+        (lambda path: path.write_bytes("preset: draft".encode("utf-16")), "UTF-8"),
+        (lambda path: path.write_bytes("# caf\u00e9".encode("latin-1")), "UTF-8"),
+        (os.mkfifo, "is a pipe"),
+        (Path.mkdir, ""),
+        (lambda path: path.symlink_to(path), ""),
+    ],
+)
+def test_what_is_no_text_is_named_and_no_pipe_is_waited_for(tmp_path, make, said):
+    make(tmp_path / "a.yaml")
+    with pytest.raises(UserError, match=f"a.yaml: .*{said}"):
         read_user_text(tmp_path / "a.yaml")
 
 
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "a.yaml")
-    with pytest.raises(UserError, match="a.yaml: is a pipe"):
-        read_user_text(tmp_path / "a.yaml")
-
-
-def test_a_folder_and_a_circle_of_links_are_named(tmp_path):
-    (tmp_path / "circle").symlink_to("circle")
-    for path in (tmp_path, tmp_path / "circle"):
-        with pytest.raises(UserError, match=f"{path}: "):
-            read_user_text(path)
-
-
-def test_a_mark_of_byte_order_is_no_part_of_a_text(tmp_path):
+def test_a_mark_of_byte_order_is_no_part_of_a_text_and_nobody_has_a_home(tmp_path):
     (tmp_path / "a.json").write_bytes(b'\xef\xbb\xbf{"a": 1}\r\n')
     assert read_user_text(tmp_path / "a.json") == '{"a": 1}\r\n'
     assert read_json(tmp_path / "a.json") == {"a": 1}
-
-
-def test_the_home_of_nobody_stays_a_path():
     assert expand_home("~nobody-of-this-name/x") == Path("~nobody-of-this-name/x")
 
 

@@ -4,6 +4,7 @@ import errno
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from egosplat.artifacts.integrity import ArtifactError
@@ -18,8 +19,6 @@ OTHER = Schema("other", 1, {"a": Field("int64 n", "-", "numbers")})
 
 
 def write(path: Path, schema: Schema = TINY) -> None:
-    import numpy as np
-
     with create(path, schema, begin("frames", {}, "real")) as artifact:
         for name in schema.fields:
             artifact.put(name, np.arange(3))
@@ -33,19 +32,13 @@ def photos(tmp_path) -> Path:
     return folder
 
 
-def test_a_folder_of_something_else_is_not_replaced(photos):
+def test_only_an_artifact_of_its_kind_is_replaced(tmp_path, photos):
     with pytest.raises(ArtifactError, match="photos: .*--output") as caught:
         write(photos)
     assert "rm " not in str(caught.value), "what is not egosplat's is not to be removed"
-    assert (photos / "1.jpg").read_bytes() == b"a photograph"
-
-
-def test_a_file_is_not_replaced_by_an_artifact(photos):
     with pytest.raises(ArtifactError, match="1.jpg"):
         write(photos / "1.jpg")
-
-
-def test_an_artifact_of_another_kind_is_not_replaced(tmp_path):
+    assert (photos / "1.jpg").read_bytes() == b"a photograph"
     write(tmp_path / "a.zarr", OTHER)
     with pytest.raises(ArtifactError, match="a.zarr: .*'other'"):
         write(tmp_path / "a.zarr")
@@ -56,9 +49,9 @@ def test_a_damaged_artifact_and_an_empty_folder_are_replaced(tmp_path):
     write(tmp_path / "a.zarr")
     metadata = tmp_path / "a.zarr/zarr.json"
     metadata.write_text(metadata.read_text()[:-20])
-    write(tmp_path / "a.zarr")
     (tmp_path / "b.zarr").mkdir()
-    write(tmp_path / "b.zarr")
+    for name in ("a.zarr", "b.zarr"):
+        write(tmp_path / name)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.zarr", "b.zarr"]
 
 
@@ -82,32 +75,22 @@ def test_a_path_without_a_name_is_rejected(monkeypatch, tmp_path, made, path):
 
 
 @pytest.mark.parametrize("made", [atomic_directory, atomic_file])
-def test_an_error_of_a_full_disk_names_what_was_to_be_made(tmp_path, made):
+def test_an_error_of_a_full_disk_names_what_was_to_be_made_and_one_of_reading_its_own_file(tmp_path, made):
     """The system names no file where bytes are written, or a hidden one."""
     for filename in (None, "hidden.tmp"):
         with pytest.raises(OSError, match="No space") as caught, made(tmp_path / "new.zarr"):
             raise OSError(errno.ENOSPC, "No space left on device", filename)
         assert caught.value.filename == str(tmp_path / "new.zarr")
+    with pytest.raises(FileNotFoundError) as caught, made(tmp_path / "new.zarr"):
+        (tmp_path / "absent").read_bytes()
+    assert caught.value.filename == str(tmp_path / "absent")
     assert not list(tmp_path.iterdir())
 
 
-def test_an_error_of_reading_keeps_its_own_name(tmp_path):
-    with pytest.raises(FileNotFoundError) as caught, atomic_file(tmp_path / "new"):
-        (tmp_path / "absent").read_bytes()
-    assert caught.value.filename == str(tmp_path / "absent")
-
-
-def test_scratch_folders_of_the_dead_are_swept_those_of_the_living_stay(tmp_path):
+def test_scratch_folders_of_the_dead_are_swept_those_of_the_living_and_links_stay(tmp_path, photos):
     (tmp_path / "scratch-dead").mkdir()
     (tmp_path / "scratch-dead/file").touch()
-    (tmp_path / "other").mkdir()
+    (link := tmp_path / "scratch-link").symlink_to(photos)
     with scratch_directory("scratch-", tmp_path) as living, scratch_directory("scratch-", tmp_path) as mine:
-        assert sorted(tmp_path.iterdir()) == sorted([tmp_path / "other", living, mine])
-    assert [path.name for path in tmp_path.iterdir()] == ["other"]
-
-
-def test_a_link_among_scratch_folders_is_left_alone(tmp_path, photos):
-    (tmp_path / "scratch-link").symlink_to(photos)
-    with scratch_directory("scratch-", tmp_path):
-        pass
-    assert (photos / "1.jpg").exists()
+        assert {*tmp_path.iterdir()} == {photos, link, living, mine}
+    assert {*tmp_path.iterdir()} == {photos, link} and (photos / "1.jpg").exists()
