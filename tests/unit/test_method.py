@@ -24,13 +24,9 @@ def test_the_page_names_functions_that_exist():
     """A function that is renamed or moved is renamed in docs/method.md too."""
     named = re.findall(r"\[`(\w+)`\]\(\.\./(src/[\w/]+\.py)\)", prose())
     assert len(named) > 60
-    defined = r"^(?:class |def ){0}\b|^{0}(?::.*)? = "
-    lost = [
-        (name, path)
-        for name, path in named
-        if not re.search(defined.format(name), (ROOT / path).read_text(), re.MULTILINE)
-    ]
-    assert lost == []
+    for name, path in named:
+        defined = rf"^(?:class |def ){name}\b|^{name}(?::.*)? = "
+        assert re.search(defined, (ROOT / path).read_text(), re.MULTILINE), (name, path)
 
 
 @cache
@@ -96,10 +92,5 @@ def test_the_page_gives_the_values_that_presets_have():
             papers = dict.fromkeys(own, value_of(printed.split()[0]))
         for cell, preset in ((own, default), (papers, paper)):
             checked += len(cell)
-            wrong += [
-                (key, written, preset[key])
-                for key, written in cell.items()
-                if not agrees(written, preset[key])
-            ]
-    assert checked > 100
-    assert wrong == []
+            wrong += [(key, value) for key, value in cell.items() if not agrees(value, preset[key])]
+    assert checked > 100 and wrong == []
