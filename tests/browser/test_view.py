@@ -1,4 +1,4 @@
-"""``egosplat view``: the scene page from a server that answers phrases for it."""
+"""The browser of the tests itself; the server of ``egosplat view``; the story of a scene on a phone."""
 
 import shutil
 import signal
@@ -7,9 +7,28 @@ import sys
 
 import pytest
 
+from egosplat.report.story import run
 from egosplat.viewing.command import open_page
 from egosplat.viewing.options import PageOptions
-from tests.browser.conftest import ASK, READY, patience_ms
+from tests.browser.conftest import ASK, PHONE, READY, WIDE, patience_ms
+from tests.support.page_scene import put_page_scene
+
+
+@pytest.mark.parametrize("size", [WIDE, PHONE])
+def test_the_browser_has_webgl_2(open_tab, size):
+    page = open_tab(size).page
+    assert page.evaluate("!!document.createElement('canvas').getContext('webgl2')")
+    assert page.evaluate("[innerWidth, innerHeight]") == list(size)
+
+
+def test_a_tab_records_errors_and_requests(open_tab):
+    """A test that finds no error and no request proves something only if a tab would record them."""
+    tab = open_tab()
+    tab.page.set_content("<script>console.error('wrong'); fetch('http://127.0.0.1:9/')</script>")
+    tab.page.evaluate("() => { setTimeout(() => { throw new Error('thrown') }) }")
+    tab.page.wait_for_function("true")
+    assert any("wrong" in error for error in tab.errors)
+    assert "http://127.0.0.1:9/" in tab.requests
 
 
 def test_the_server_answers_what_the_page_cannot(tmp_path, page_scene, open_tab, serve, monkeypatch):
@@ -51,3 +70,12 @@ def test_ctrl_c_ends_the_command_with_status_0(page_scene):
         finally:
             command.kill()
     assert (command.returncode, out, rest.count("\n")) == (0, "", 1) and "ended" in rest
+
+
+def test_nothing_of_the_story_sticks_out_of_a_phone(open_tab, tmp_path):
+    (folder := tmp_path / "scene").mkdir()
+    put_page_scene(folder, origin="real")
+    run(sorted(folder.iterdir()), tmp_path / "story.html", "mine/scene" * 8)
+    tab = open_tab(PHONE)
+    tab.page.goto((tmp_path / "story.html").as_uri())
+    assert tab.page.evaluate("[document.documentElement.scrollWidth, innerWidth]") == [PHONE[0]] * 2

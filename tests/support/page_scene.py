@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,54 +49,33 @@ def wall() -> Gaussians:
 
 def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
     """Write all artifacts that the page needs, and return the Gaussians."""
-    gaussians, count = wall(), 5
+    gaussians, count, write = wall(), 5, partial(put, folder, origin=origin)
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, 0, 3] = np.linspace(-0.8, 0.8, count)
     poses[3] = np.nan
-    pictures = [
-        render(gaussians, CAMERA, pose, SETTINGS, sh_degree=1, background=None)[0]
-        for pose in np.nan_to_num(poses)
-    ]
-    x = gaussians.means[:, 0].numpy()
-    meant = np.digitize(x, [-0.5, 0.5])
-    clip = load_open_clip("small", "small", "cpu", "float32")
-    vectors = encode_phrases(clip, WORDS).numpy()[meant]
+    seen, how = np.nan_to_num(poses), {"sh_degree": 1, "background": None}
+    pictures = torch.stack([render(gaussians, CAMERA, pose, SETTINGS, **how)[0] for pose in seen])
+    meant = np.digitize(gaussians.means[:, 0].numpy(), [-0.5, 0.5])
+    words = encode_phrases(load_open_clip("small", "small", "cpu", "float32"), WORDS).numpy()
+    vectors = words[meant]
     small = {"clip_model": "small", "clip_checkpoint": "small"}
     digest = model_hash(CLIP, small)
-    about = {"model": "small", "checkpoint": "small", "hash": digest, "small": True}
-
-    def write(name: str, *arguments: Any, **more: Any) -> None:
-        put(folder, name, *arguments, origin=origin, **more)
-
-    rgb = (torch.stack(pictures).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+    rgb = (pictures.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
     write("frames", {"rgb": rgb, "train": np.ones(count, bool)}, camera_facts(CAMERA))
     arrays = {"camera_to_world": poses, "registered": np.isfinite(poses).all(axis=(1, 2)), "up": UP}
     write("poses", arrays | {"intrinsics": CAMERA.matrix}, camera_facts(CAMERA), made_from=["frames"])
-    owner = np.stack([meant, meant + 3], axis=1).astype(np.int32)
-    write(
-        "instances",
-        {
-            "gaussians/xyz": gaussians.means.numpy(),
-            "gaussians/instance": owner,
-            "instances/level": np.repeat([0, 1], len(WORDS)).astype(np.int8),
-            "labels": np.zeros((count, len(LEVELS), CAMERA.height, CAMERA.width), np.int32),
-        },
-        {"levels": LEVELS, "source": "masks", "instances": dict.fromkeys(LEVELS, len(WORDS))},
-        made_from=["frames", "poses"],
-    )
-    write(
-        "features",
-        {"consistent": encode_phrases(clip, WORDS).numpy()},
-        {
-            "levels": LEVELS,
-            "clip": about,
-            "decoder": {"widths": [vectors.shape[1]]},
-            "outliers": 2,
-            "slipped": 1,
-        },
-        options=small,
-        models={"clip_checkpoint": digest},
-    )
+    arrays = {
+        "gaussians/xyz": gaussians.means.numpy(),
+        "gaussians/instance": np.stack([meant, meant + 3], axis=1).astype(np.int32),
+        "instances/level": np.repeat([0, 1], len(WORDS)).astype(np.int8),
+        "labels": np.zeros((count, len(LEVELS), CAMERA.height, CAMERA.width), np.int32),
+    }
+    facts = {"levels": LEVELS, "source": "masks", "instances": dict.fromkeys(LEVELS, len(WORDS))}
+    write("instances", arrays, facts, made_from=["frames", "poses"])
+    clip = {"model": "small", "checkpoint": "small", "hash": digest, "small": True}
+    facts = {"levels": LEVELS, "clip": clip, "decoder": {"widths": [words.shape[1]]}}
+    facts |= {"outliers": 2, "slipped": 1}
+    write("features", {"consistent": words}, facts, options=small, models={"clip_checkpoint": digest})
     names = ("means", "quats", "log_scales", "logit_opacities", "sh")
     stored = {name: getattr(gaussians, name).numpy() for name in names}
     facts = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": count}}
@@ -105,46 +85,35 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
     # At the level of parts, some Gaussians of the couch alone have a code: a weaker answer.
     some = np.flatnonzero(meant == 0)[:60]
     code[some, 0], share[some, 0] = vectors[some], 1
-    write(
-        "language",
-        {"code": code, "share": share},
-        {"levels": LEVELS},
-        made_from=["frames", "poses", "features", "splats"],
-    )
+    made_from = ["frames", "poses", "features", "splats"]
+    write("language", {"code": code, "share": share}, {"levels": LEVELS}, made_from=made_from)
     return gaussians
 
 
 def put_histories(
-    folder: Path,
-    spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)),
-    absent_after: Sequence[int] = (),
-    **changes: Any,
+    folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)), **changes: Any
 ) -> Gaussians:
     """Write histories.zarr of ``put_page_scene``: the cup, where it is taken up and then where it is put down, and a thing that
     nobody sees put down. Returns the Gaussians of both rests of the cup.
 
     Args:
         spans: first and last frame of the rests, in turn at both places; further ones are of a second thing without views.
-        absent_after: frames that show their places without them; none by default.
         changes: other arrays, ``/`` in a name as ``__``.
     """
     count, of_cup = len(spans), min(len(spans), 2)
     center = np.array([(TAKEN_UP, PUT_DOWN)[number % 2] for number in range(count)]).reshape(-1, 3)
     offsets = np.array([[x, y, -0.4] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])
     xyz = (center[:, None] + offsets).reshape(-1, 3)
-    rest = np.repeat(np.arange(count, dtype=np.int32), len(offsets))
-    scales = np.full((len(xyz), 3), np.log(0.08), np.float32)
     sh = np.zeros((len(xyz), 4, 3), np.float32)
     sh[:, 0, 0] = 1.7
     stored = {
         "means": xyz.astype(np.float32),
         "quats": np.tile(np.float32([1, 0, 0, 0]), (len(xyz), 1)),
-        "log_scales": scales,
+        "log_scales": np.full((len(xyz), 3), np.log(0.08), np.float32),
         "logit_opacities": np.full(len(xyz), 4.0, np.float32),
         "sh": sh,
     }
-    clip = load_open_clip("small", "small", "cpu", "float32")
-    cup = encode_phrases(clip, ["cup"]).numpy()
+    cup = encode_phrases(load_open_clip("small", "small", "cpu", "float32"), ["cup"]).numpy()
     frames = np.array(spans, np.int64).reshape(-1, 2)
     arrays = {
         "carries/first_frame": np.array([1, 2]),
@@ -158,13 +127,13 @@ def put_histories(
         "rests/from_frame": frames[:, 0],
         "rests/until_frame": frames[:, 1],
         "rests/absent_before": np.full(count, -1),
-        "rests/absent_after": np.array(absent_after or [-1] * count, np.int64),
+        "rests/absent_after": np.full(count, -1),
         "rests/center": center,
         "carries/thing": np.array([0 if of_cup else -1, -1], np.int32),
         "carries/from_rest": np.array([0 if of_cup else -1, -1], np.int32),
         "carries/to_rest": np.array([1 if of_cup > 1 else -1, -1], np.int32),
         "things/feature": np.concatenate([cup, np.zeros_like(cup)])[: 0 if not count else 1 + (count > 2)],
-        "gaussians/rest": rest,
+        "gaussians/rest": np.repeat(np.arange(count, dtype=np.int32), len(offsets)),
     }
     arrays |= {f"gaussians/{name}": one for name, one in stored.items()}
     arrays |= {name.replace("__", "/"): np.array(values) for name, values in changes.items()}
@@ -181,8 +150,7 @@ def page_options(**changes: Any) -> ScenePageOptions:
 def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
     """Write ``folder/scene.html`` from the artifacts in the folder."""
     names = ("frames", "poses", "instances", "features", "splats", "language", "histories")
-    found = {name: folder / f"{name}.zarr" for name in names}
-    paths = {f"{name}_path": path for name, path in found.items() if path.exists()}
+    paths = {f"{name}_path": path for name in names if (path := folder / f"{name}.zarr").exists()}
     run(**paths, output=folder / "scene.html", options=page_options(**changes), title=title)
     return folder / "scene.html"
 
@@ -195,9 +163,8 @@ def contents_of(page: Path) -> tuple[Facts, Arrays]:
 def means_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:
     """(N, 3) float32 centers on the page, those of rests at the end."""
     block = np.arange(arrays["position"].shape[1]) // facts["block"]
-    return (arrays["block_low"][:, block] + arrays["position"] * arrays["block_step"][:, block]).T.astype(
-        np.float32
-    )
+    means = arrays["block_low"][:, block] + arrays["position"] * arrays["block_step"][:, block]
+    return means.T.astype(np.float32)
 
 
 def scales_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -223,9 +190,6 @@ def surface_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Su
     """The surface that the page queries, for the package's own functions."""
     shares, mean = shares_of(facts, arrays)
     radii = scales_of(facts, arrays).max(axis=1).astype(np.float64)
-    code_share = (arrays["code_share"] / 255).T.astype(np.float32)
-    means = means_of(facts, arrays).astype(np.float64)
-    seen = np.array(facts["seen_frames"])
-    return Surface(
-        means, find_neighbors(means, radii), shares, mean[:, None] * code_share, seen, facts["levels"]
-    )
+    weight = mean[:, None] * (arrays["code_share"] / 255).T.astype(np.float32)
+    means, seen = means_of(facts, arrays).astype(np.float64), np.array(facts["seen_frames"])
+    return Surface(means, find_neighbors(means, radii), shares, weight, seen, facts["levels"])

@@ -37,20 +37,16 @@ def survey_that_keeps() -> Callable[..., Path]:
     """
 
     def make(folder: Path, kept: list[int], *, static: bool = False) -> Path:
+        motion = {"static": static, "masking": "none" if static else "refined", "share": 0.1 * (not static)}
+        motion |= {"fleeting": 0.0, "min_share": 0.008, "voting": 0.7, "noise_px": 0.1, "pairs": []}
+        camera = {"pose_residual_px": 0.1, "pose_noise_px": 0.1, "revisits": 0, "refine_poses": False}
+        views = {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}
         document = {
             "format_version": FORMAT_VERSION,
             "origin": "synthetic",
-            "motion": {
-                "static": static,
-                "masking": "none" if static else "refined",
-                "share": 0.1 * (not static),
-                "fleeting": 0.0,
-            }
-            | {"min_share": 0.008, "voting": 0.7, "noise_px": 0.1, "pairs": []},
-            "camera": {"pose_residual_px": 0.1, "pose_noise_px": 0.1, "revisits": 0, "refine_poses": False}
-            | {"brightness_stops": 0.1, "compensate_exposure": False},
-            "views": {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}
-            | {"min_view_change_deg": 3.0, "median_depth_m": 2.0},
+            "motion": motion,
+            "camera": camera | {"brightness_stops": 0.1, "compensate_exposure": False},
+            "views": views | {"min_view_change_deg": 3.0, "median_depth_m": 2.0},
             "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},
             "provenance": begin("survey", {}, "synthetic", digests(folder, ["frames"])).record(),
         }
@@ -79,13 +75,13 @@ def halves() -> Gaussians:
 
 @pytest.fixture
 def word_scene(tmp_path: Path, word_scene_in: Callable[..., Path]) -> Callable[..., Path]:
-    """``word_scene(clip_hash=, inputs=, nudge=, origin=)``: ``word_scene_in`` the test's folder."""
+    """``word_scene_in`` the test's folder."""
     return partial(word_scene_in, tmp_path)
 
 
 @pytest.fixture(scope="session")
 def word_scene_in(halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..., Path]:
-    """``word_scene_in(folder, clip_hash=, inputs=, nudge=, origin=)``: the folder with all that queries and metrics need.
+    """``word_scene_in(folder, ...)``: the folder with all that queries and metrics need.
 
     Four frames of one view: 0 is trained on, 1 held out, 2 evaluated though trained on, 3 evaluated without a pose.
 
@@ -115,71 +111,48 @@ def word_scene_in(halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..
         photograph = (picture.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
         lighter = photograph.copy()
         lighter[:, SIZE // 2 :] += LIGHTER
-        right = (halves.means[:, 0] > 0).numpy()
-        meant = couch_and_cup.numpy()[right.astype(int)]
-        nothing = np.zeros_like(meant)
-        level = ["part", "whole"]
-        clip = {"model": clip_model, "checkpoint": "small", "hash": clip_hash, "small": True}
-        facts = {"levels": level, "clip": clip, "decoder": {"widths": [meant.shape[1]]}}
-        things = [
-            {"id": 1, "name": "Couch_1", "category": "couch", "motion_type": "static"},
-            {"id": 2, "name": "Cup_1", "category": "cup", "motion_type": "dynamic"},
-        ]
-        is_evaluated = np.isin(np.arange(4), evaluated)
-        write(
-            "frames",
-            {
-                "rgb": np.stack([lighter] * 4),
-                "valid": np.arange(SIZE)[:, None] + np.zeros((1, SIZE)) >= 2,
-                "train": np.array([True, False, True, False]) | ~is_evaluated,
-                "evaluation": is_evaluated,
-            },
-            camera_facts(CAMERA),
-        )
+        meant = couch_and_cup.numpy()[(halves.means[:, 0] > 0).int().numpy()]
+        levels, is_evaluated = ["part", "whole"], np.isin(np.arange(4), evaluated)
+        frames = {
+            "rgb": np.stack([lighter] * 4),
+            "valid": np.arange(SIZE)[:, None] + np.zeros((1, SIZE)) >= 2,
+            "train": np.array([True, False, True, False]) | ~is_evaluated,
+            "evaluation": is_evaluated,
+        }
+        write("frames", frames, camera_facts(CAMERA))
         poses = {
             "camera_to_world": np.stack([np.eye(4)] * 3 + [np.full((4, 4), np.nan)]),
             "registered": np.array([True, True, True, False]),
             "intrinsics": CAMERA.matrix,
         }
         write("poses", poses, made_from=["frames"])
+        things = [
+            {"id": 1, "name": "Couch_1", "category": "couch", "motion_type": "static"},
+            {"id": 2, "name": "Cup_1", "category": "cup", "motion_type": "dynamic"},
+        ]
         cup_on_the_right = (np.arange(SIZE) >= SIZE // 2).astype(np.int32)
-        write(
-            "annotations",
-            {
-                "frame": np.array(evaluated, np.int64),
-                "instance_map": np.tile(cup_on_the_right, (len(evaluated), SIZE, 1)),
-            },
-            {"instances": [thing | {"instance_type": "object"} for thing in things]},
-            made_from=["frames"],
-        )
-        write(
-            "features",
-            {"instances/level": np.array([1, 1], np.int8), "consistent": couch_and_cup.numpy()},
-            facts,
-            options=SMALL,
-            inputs=inputs,
-            models={"clip_checkpoint": clip_hash},
-        )
-        stored = {
-            name: getattr(halves, name).numpy()
-            for name in ("means", "quats", "log_scales", "logit_opacities", "sh")
-        }
+        seen = np.tile(cup_on_the_right, (len(evaluated), SIZE, 1))
+        arrays = {"frame": np.array(evaluated, np.int64), "instance_map": seen}
+        facts = {"instances": [thing | {"instance_type": "object"} for thing in things]}
+        write("annotations", arrays, facts, made_from=["frames"])
+        arrays = {"instances/level": np.array([1, 1], np.int8), "consistent": couch_and_cup.numpy()}
+        clip = {"model": clip_model, "checkpoint": "small", "hash": clip_hash, "small": True}
+        facts = {"levels": levels, "clip": clip, "decoder": {"widths": [meant.shape[1]]}}
+        models = {"clip_checkpoint": clip_hash}
+        write("features", arrays, facts, options=SMALL, inputs=inputs, models=models)
+        names = ("means", "quats", "log_scales", "logit_opacities", "sh")
+        stored = {name: getattr(halves, name).numpy() for name in names}
         stored["means"] = stored["means"] + np.float32(nudge)
         renders = photograph[None][: 1 in evaluated]
         held_out = {"held_out/frame": np.arange(1, 1 + len(renders)), "held_out/render": renders}
-        about = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
-        about |= {"highlight_compression": 0.0} if corrections else {}
-        arrays = stored | held_out | dict(corrections or {})
-        write("splats", arrays, about, options=asdict(RENDERING) | {"seed": 3}, made_from=["frames", "poses"])
-        write(
-            "language",
-            {
-                "code": np.stack([nothing, meant], axis=1),
-                "share": np.tile(np.float32([0, 1]), (len(meant), 1)),
-            },
-            {"levels": level},
-            made_from=["frames", "poses", "features", "splats"],
-        )
+        facts = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
+        facts |= {"highlight_compression": 0.0} if corrections else {}
+        arrays, options = stored | held_out | dict(corrections or {}), asdict(RENDERING) | {"seed": 3}
+        write("splats", arrays, facts, options=options, made_from=["frames", "poses"])
+        share = np.tile(np.float32([0, 1]), (len(meant), 1))
+        arrays = {"code": np.stack([np.zeros_like(meant), meant], axis=1), "share": share}
+        made_from = ["frames", "poses", "features", "splats"]
+        write("language", arrays, {"levels": levels}, made_from=made_from)
         return folder
 
     return make

@@ -1,4 +1,4 @@
-"""The exported .spz file, read back by a library that knows the format."""
+"""Exported .spz and .ply files, read back by libraries that know the formats."""
 
 import gzip
 import struct
@@ -6,10 +6,12 @@ import struct
 import numpy as np
 import pytest
 import torch
+import trimesh
 from gsply.spz import read_spz
 from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
+from egosplat.export.gaussians import geometry_columns, point_columns, write_ply
 from egosplat.export.spz import TURNED_SH, write_spz
 from egosplat.gaussians.model import Gaussians
 from egosplat.rasterize.reference.spherical_harmonics import sh_basis
@@ -82,3 +84,32 @@ def test_a_gaussian_beyond_the_range_is_left_out_and_the_header_tells_no_antiali
     assert len(read_spz(tmp_path / "x.spz").means) == 199
     header = struct.unpack("<4sIIBBBB", gzip.decompress((tmp_path / "x.spz").read_bytes())[:16])
     assert header[:4] == (b"NGSP", 3, 199, 1) and header[5] == 0
+
+
+def read(path) -> np.ndarray:
+    """The vertices as they are stored."""
+    return trimesh.load(path).metadata["_ply_raw"]["vertex"]["data"]
+
+
+def test_ply_uses_the_names_that_viewers_expect(tmp_path):
+    gaussians = some(5, 1)
+    write_ply(tmp_path / "x.ply", geometry_columns(gaussians), "real")
+    sh = gaussians.sh
+    columns = dict(zip("xyz", gaussians.means.T, strict=True)) | {"f_dc_1": sh[:, 0, 1]}
+    # Coefficients 1 to 3 of red, then those of green, then those of blue.
+    columns |= {f"f_rest_{number}": sh[:, 1 + number % 3, number // 3] for number in range(9)}
+    columns |= {"opacity": gaussians.logit_opacities, "scale_2": gaussians.log_scales[:, 2]}
+    columns |= {"rot_0": gaussians.quats[:, 0]}
+    found = read(tmp_path / "x.ply")
+    for name, values in columns.items():
+        np.testing.assert_array_equal(found[name].ravel(), values, err_msg=name)
+
+
+def test_points_have_the_colors_and_the_numbers_that_were_written(tmp_path):
+    xyz, rgb = np.arange(6.0).reshape(2, 3), np.array([[0, 128, 255], [1, 2, 3]], np.uint8)
+    columns = point_columns(xyz, rgb) | {"instance_whole": np.array([-1, 70_000])}
+    write_ply(tmp_path / "x.ply", columns, "real")
+    cloud = trimesh.load(tmp_path / "x.ply")
+    np.testing.assert_array_equal(cloud.vertices, xyz)
+    np.testing.assert_array_equal(cloud.colors[:, :3], rgb)
+    assert read(tmp_path / "x.ply")["instance_whole"].ravel().tolist() == [-1, 70_000]
