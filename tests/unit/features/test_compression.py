@@ -1,11 +1,11 @@
-"""Codes decode to their features as well as their number of channels allows."""
+"""Codes decode to their features as well as their number of channels allows, which ``auto`` chooses."""
 
 import numpy as np
 import pytest
 import torch
 
-from egosplat.features.autoencoder import BATCH, Autoencoder, batches, loss
-from egosplat.features.compression import fit
+from egosplat.features.autoencoder import BATCH, Autoencoder, _decoder_of, batches, loss
+from egosplat.features.compression import SHARE, fit
 from egosplat.features.supervision import reconstruction, summary
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.vectors import unit
@@ -29,13 +29,10 @@ def test_its_loss_takes_the_cosine_over_the_channels():
     features = torch.tensor([[1.0, 0.0], [0.0, 1.0]])
     swapped = features.flip(1)
     assert loss(features, features, 1.0) == 0.0
-    assert loss(swapped, features, 0.5) == pytest.approx(
-        1.0 + 0.5
-    )  # over the batch: each column's cosine is 0 too
+    # Over the batch each column's cosine would be 0, too.
+    assert loss(swapped, features, 0.5) == pytest.approx(1.0 + 0.5)
     lengthened = torch.tensor([[2.0, 0.0], [0.0, 3.0]])
-    assert loss(lengthened, features, 1.0) == pytest.approx(
-        (1 + 4) / 4
-    )  # over the batch it would be the same
+    assert loss(lengthened, features, 1.0) == pytest.approx((1 + 4) / 4)
 
 
 @pytest.mark.parametrize("count", [1, 2, BATCH, BATCH + 1, BATCH + 2, 3 * BATCH + 1])
@@ -63,8 +60,6 @@ def test_codes_and_reconstructions_have_their_shapes(kind, dims):
 def test_the_decoder_s_numbers_are_the_autoencoder_s():
     torch.manual_seed(3)
     model = Autoencoder(20, 2).eval()
-    from egosplat.features.autoencoder import _decoder_of
-
     decoder = _decoder_of(model)
     assert decoder.widths == (2, 16, 32, 64, 128, 256, 256, 20)
     features = torch.randn(7, 20)
@@ -75,14 +70,11 @@ def test_the_decoder_s_numbers_are_the_autoencoder_s():
 
 
 def test_a_trained_autoencoder_reconstructs_features():
-    features = rows(200, 16, 2)
-    few, many = (
-        reconstruction(
-            features, (f := fit(features, "autoencoder", 3, epochs, 0)).encode(features), f.decoder
-        )
-        for epochs in (1, 40)
-    )
-    assert many.mean() > 0.97 and many.mean() > few.mean()
+    features, means = rows(200, 16, 2), []
+    for epochs in (1, 40):
+        fitted = fit(features, "autoencoder", 3, epochs, 0)
+        means.append(reconstruction(features, fitted.encode(features), fitted.decoder).mean())
+    assert means[1] > 0.97 and means[1] > means[0]
 
 
 def test_global_random_numbers_are_left_alone():
@@ -93,11 +85,10 @@ def test_global_random_numbers_are_left_alone():
     assert torch.rand(1) == expected
 
 
-def test_codes_of_another_decoder_are_rejected():
-    with pytest.raises(ValueError, match="3 channels"):
-        decode(torch.zeros(1, 3), Decoder((2, 4), np.zeros(12, np.float32)))
-    with pytest.raises(ValueError, match="12 numbers"):
-        decode(torch.zeros(1, 2), Decoder((2, 4), np.zeros(11, np.float32)))
+@pytest.mark.parametrize(("width", "numbers", "wrong"), [(3, 12, "3 channels"), (2, 11, "12 numbers")])
+def test_codes_of_another_decoder_are_rejected(width, numbers, wrong):
+    with pytest.raises(ValueError, match=wrong):
+        decode(torch.zeros(1, width), Decoder((2, 4), np.zeros(numbers, np.float32)))
 
 
 def test_gradients_reach_the_codes():
@@ -113,3 +104,43 @@ def test_the_summary_is_by_level():
     assert found["mean"] == pytest.approx(2.3 / 3) and found["lowest"] == 0.5
     assert found["by_level"]["subpart"] == {"mean": 0.75, "lowest": 0.5}
     assert found["by_level"]["part"] == {"mean": None, "lowest": None}
+
+
+def share_of(features: np.ndarray, dims: int, bound: float) -> float:
+    """By encoding and decoding."""
+    fitted = fit(features, "linear", dims, 1, 0)
+    return float((reconstruction(features, fitted.encode(features), fitted.decoder) >= bound).mean())
+
+
+@pytest.mark.parametrize("bound", [0.9, 0.97, 0.99])
+def test_auto_dims_is_the_smallest_that_reaches_the_bound(bound):
+    rng = np.random.default_rng(0)
+    features = unit(rng.normal(size=(300, 24)) @ rng.normal(size=(24, 24))).astype(np.float32)
+    found = fit(features, "linear", "auto", 1, 0, bound)
+    dims = found.decoder.widths[0]
+    assert 1 < dims < 24 and found.need.dims == dims
+    assert share_of(features, dims, bound) >= SHARE > share_of(features, dims - 1, bound)
+    for number in (1, dims - 1, dims, 24):
+        assert found.need.share[number - 1] == pytest.approx(share_of(features, number, bound), abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "width", "rank", "bound", "least", "most"),
+    [
+        ("linear", 200, 64, 3, 0.999, 1, 4),
+        *(("linear", few, 16, 16, 0.99, 1, 1) for few in (0, 1, 2)),
+        ("linear", 50, 8, 8, 1.1, 8, 8),  # out of reach
+        ("none", 50, 8, 8, 0.9, 8, 8),
+    ],
+)
+def test_auto_dims_are_those_that_features_need(kind, count, width, rank, bound, least, most):
+    features = rows(count, width, rank)
+    found = fit(features, kind, "auto", 1, 0, bound)
+    assert least <= found.decoder.widths[0] <= most
+    assert found.encode(features).shape == (count, found.decoder.widths[0])
+
+
+def test_an_autoencoder_takes_as_many_numbers_as_a_basis_needs():
+    features = unit(np.random.default_rng(0).normal(size=(50, 8))).astype(np.float32)
+    basis, found = (fit(features, kind, "auto", 1, 0, 0.9) for kind in ("linear", "autoencoder"))
+    assert found.need.dims == basis.need.dims == found.decoder.widths[0] == found.encode(features).shape[1]

@@ -7,27 +7,19 @@ from egosplat.features.crops import cut_crop, fill_hull, find_regions, resize
 
 
 def test_each_instance_has_its_area_and_box_at_any_level():
+    """Also of masks in two parts, and of none."""
     labels = np.full((2, 6, 8), -1, np.int32)
     labels[0, 1:3, 2:5] = 3
-    labels[0, 5, 7] = 0
+    labels[0, 5, 7] = labels[0, 3, 6] = 0
     labels[1, :, :] = 2
     labels[1, 2:4, 2:4] = -1
     found = find_regions(labels, 5)
     assert found.instance.tolist() == [0, 2, 3]
-    assert found.area.tolist() == [1, 44, 6]
-    assert found.box.tolist() == [[7, 5, 8, 6], [0, 0, 8, 6], [2, 1, 5, 3]]
-
-
-def test_the_box_spans_all_parts_of_a_mask():
-    labels = np.full((1, 9, 9), -1, np.int32)
-    labels[0, 1, 1] = labels[0, 7, 5] = 0
-    assert find_regions(labels, 1).box.tolist() == [[1, 1, 6, 8]]
-
-
-@pytest.mark.parametrize("shape, count", [((1, 4, 4), 0), ((0, 4, 4), 0), ((2, 3, 3), 4)])
-def test_a_map_without_instances_has_no_areas(shape, count):
-    found = find_regions(np.full(shape, -1, np.int32), count)
-    assert len(found.instance) == len(found.area) == 0 and found.box.shape == (0, 4)
+    assert found.area.tolist() == [2, 44, 6]
+    assert found.box.tolist() == [[6, 3, 8, 6], [0, 0, 8, 6], [2, 1, 5, 3]]
+    for shape, count in (((1, 4, 4), 0), ((0, 4, 4), 0), ((2, 3, 3), 4)):
+        nothing = find_regions(np.full(shape, -1, np.int32), count)
+        assert len(nothing.instance) == len(nothing.area) == 0 and nothing.box.shape == (0, 4)
 
 
 def test_a_crop_is_black_outside_of_the_mask_and_centered_in_a_square():
@@ -64,7 +56,7 @@ def test_shrinking_averages():
     assert np.abs(resize(stripes, (8, 8), "bicubic").astype(int)[:, 1:-1] - 100).max() < 8
 
 
-def test_the_hull_fills_what_a_mask_leaves_out():
+def test_a_hull_fills_what_a_mask_leaves_out_and_its_crop_shows_the_picture_there():
     mask = np.zeros((7, 9), bool)
     mask[1:6, 1] = mask[1, 1:8] = mask[5, 1:8] = True
     expected = np.zeros((7, 9), bool)
@@ -72,12 +64,7 @@ def test_the_hull_fills_what_a_mask_leaves_out():
     np.testing.assert_array_equal(fill_hull(mask), expected)
     for empty_or_thin in (np.zeros((3, 3), bool), np.eye(1, dtype=bool), np.eye(5, dtype=bool)):
         np.testing.assert_array_equal(fill_hull(empty_or_thin), empty_or_thin)
-
-
-def test_a_crop_by_the_hull_shows_the_picture_inside_the_hull():
     rgb = np.arange(7 * 9 * 3, dtype=np.uint8).reshape(7, 9, 3) + 1
-    labels = np.full((7, 9), -1, np.int32)
-    labels[1:6, 1] = labels[1, 1:8] = labels[5, 1:8] = 3
-    crop = cut_crop(rgb, labels, 3, np.array([1, 1, 8, 6]), hull=True)
+    crop = cut_crop(rgb, np.where(mask, 3, -1), 3, np.array([1, 1, 8, 6]), hull=True)
     np.testing.assert_array_equal(crop[1:6], rgb[1:6, 1:8])
     assert not crop[[0, 6]].any()

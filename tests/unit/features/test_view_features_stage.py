@@ -1,15 +1,10 @@
 """Stage view_features encodes the same features in any batch size, after a kill, and without bad views."""
 
-import os
 import shutil
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from PIL import Image
 
 from egosplat.artifacts.reader import open_artifact, verify
@@ -24,16 +19,12 @@ KEYS = {"min_area": 0.0, "max_views": None}
 
 @pytest.fixture
 def run(clip_keys, monkeypatch):
-    """``run(folder, name=, batch=, **changes)``: the verified artifact."""
+    """``run(folder, name=, batch=)``: the verified artifact."""
 
-    def call(folder: Path, name: str = "view_features.zarr", batch: int = 4, **changes: object):
+    def call(folder: Path, name: str = "view_features.zarr", batch: int = 4):
         monkeypatch.setattr(stage, "BATCH", batch)
-        stage.run(
-            folder / "frames.zarr",
-            folder / "instances.zarr",
-            folder / name,
-            stage.ViewFeaturesOptions(**KEYS | clip_keys | changes),
-        )
+        paths = [folder / each for each in ("frames.zarr", "instances.zarr", name)]
+        stage.run(*paths, stage.ViewFeaturesOptions(**KEYS | clip_keys))
         return verify(folder / name, SCHEMAS)
 
     return call
@@ -41,10 +32,7 @@ def run(clip_keys, monkeypatch):
 
 def test_artifact_holds_the_expected_facts_and_inputs(scene, run, clip_keys):
     views = run(scene())
-    assert views.origin == "synthetic" and set(views.provenance["inputs"]) == {
-        "frames.zarr",
-        "instances.zarr",
-    }
+    assert views.origin == "synthetic" and {*views.provenance["inputs"]} == {"frames.zarr", "instances.zarr"}
     assert views.read("instance").tolist() == [0] * 4 + [1] * 4 + [2, 3]
     assert views.read("frame").tolist() == [0, 1, 2, 3, 0, 1, 2, 3, 2, 3]
     assert views.read("instances/level").tolist() == [0, 0, 1, 1, 0]
@@ -62,8 +50,7 @@ def test_features_are_open_clip_s_own(scene, run, clip_keys):
 
     folder = scene()
     found = run(folder).read("feature")
-    names = ("clip_model", "clip_checkpoint", "device", "precision")
-    clip = load_open_clip(*(clip_keys[name] for name in names))
+    clip = load_open_clip(*clip_keys.values())
     looks = {"mean": (0.5, 0.4, 0.3), "interpolation": "bilinear", "resize_mode": "squash"}
     prepare = image_transform_v2(PreprocessCfg(size=(32, 32), **looks), False)
     rgb = open_artifact(folder / "frames.zarr", SCHEMAS["frames"]).row("rgb", 2)
@@ -74,11 +61,12 @@ def test_features_are_open_clip_s_own(scene, run, clip_keys):
     np.testing.assert_allclose(found[2], expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("batch", [1, 3, 100])
-def test_batches_run_across_frames_and_change_nothing(scene, run, batch):
+def test_batches_run_across_frames_and_change_nothing(scene, run):
     folder = scene()
     expected = run(folder).read("feature")
-    np.testing.assert_allclose(run(folder, "other.zarr", batch=batch).read("feature"), expected, atol=1e-5)
+    for batch in (1, 3, 100):
+        found = run(folder, "other.zarr", batch=batch).read("feature")
+        np.testing.assert_allclose(found, expected, atol=1e-5)
 
 
 def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatch):
@@ -86,10 +74,8 @@ def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatc
     monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 3)
     folder = scene()
     whole = run(folder, "whole.zarr", batch=2)
-    paths, options = (
-        [folder / "frames.zarr", folder / "instances.zarr"],
-        stage.ViewFeaturesOptions(**KEYS | clip_keys),
-    )
+    paths = [folder / "frames.zarr", folder / "instances.zarr"]
+    options = stage.ViewFeaturesOptions(**KEYS | clip_keys)
     files = [folder / f"view_features.{number}.chunk" for number in (1, 2)]
     for number, file in enumerate(files, 1):
         stage.run(*paths, file, options, chunk=number)
@@ -100,38 +86,21 @@ def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatc
         stage.run(*paths, files[0], options.change(max_views=1), chunk=1)
 
 
-KILLED = """
-import os, signal, sys
-from pathlib import Path
-from egosplat.artifacts import checkpoint
-from egosplat.features import view_features_stage as stage
-
-encode, done = stage.encode, []
-
-def mortal(clip, crops):
-    if len(done) == 3:
-        os.kill(os.getpid(), signal.SIGKILL)
-    done.append(1)
-    return encode(clip, crops)
-
-stage.encode, stage.BATCH, checkpoint.EVERY_S = mortal, 2, 0.0
-folder = Path(sys.argv[1])
-paths = [folder / f"{name}.zarr" for name in ("frames", "instances", "view_features")]
-stage.run(*paths, stage.ViewFeaturesOptions(**eval(sys.argv[2])))
-"""
-
-
-def test_a_killed_run_resumes_to_the_same_features(scene, run, clip_keys, capsys):
-    folder = scene()
+def test_a_killed_run_resumes_to_the_same_features(scene, run, monkeypatch, capsys):
+    folder, encode, done = scene(), stage.encode, []
     expected = run(folder, "unbroken.zarr", batch=2).digest
-    keys = KEYS | clip_keys
-    killed = subprocess.run(
-        [sys.executable, "-c", KILLED, str(folder), repr(keys)],
-        env=os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())},
-        check=False,
-        capture_output=True,
-    )
-    assert killed.returncode == -signal.SIGKILL and not (folder / "view_features.zarr").exists()
+
+    def mortal(clip, crops):
+        if len(done) == 3:
+            raise KeyboardInterrupt
+        done.append(1)
+        return encode(clip, crops)
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(stage, "encode", mortal)
+        patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
+        run(folder, batch=2)
+    assert not (folder / "view_features.zarr").exists()
     capsys.readouterr()
     assert run(folder, batch=2).digest == expected
     assert "encoding crops resumes after 3 of 5 steps" in capsys.readouterr().err
@@ -173,14 +142,10 @@ def test_views_without_a_feature_are_left_out_and_reported(scene, run, monkeypat
     assert np.isfinite(views.read("feature")).all()
     assert all((row == whole).all(axis=1).any() for row in views.read("feature"))
     assert "3 of 10 views" in capsys.readouterr().err
-
-
-def test_a_model_without_a_finite_feature_is_reported(scene, run, monkeypatch):
     monkeypatch.setattr(stage, "encode", lambda clip, crops: np.full((len(crops), 8), np.nan, np.float32))
-    folder = scene()
     with pytest.raises(UserError, match="models.clip_checkpoint"):
-        run(folder)
-    assert not (folder / "view_features.zarr").exists()
+        run(folder, "none.zarr")
+    assert not (folder / "none.zarr").exists()
 
 
 def test_segments_of_other_frames_are_rejected(scene, run, labels):

@@ -3,22 +3,22 @@
 import numpy as np
 import pytest
 
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES
 from egosplat.features.crops import cut_crops, find_views, spread
 from egosplat.models.clip import Preprocessing
 
 WANTED = Preprocessing((11, 11), (0.5, 0.5, 0.5), (0.2, 0.2, 0.2), "bicubic")
 
-ALL = [range(5)]
 
-
-def artifacts(folder):
-    return open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "instances.zarr", INSTANCES)
+def opened(folder, min_area=0.0, max_views=None):
+    """The frames, the instances, and the views."""
+    frames, instances = (open_artifact(folder / f"{each.name}.zarr", each) for each in (FRAMES, INSTANCES))
+    return frames, instances, find_views(frames, instances, min_area, max_views, [range(5)])
 
 
 def test_rows_go_by_instance_then_frame_and_leave_held_out_frames_out(scene):
-    views = find_views(*artifacts(scene()), min_area=0.0, max_views=None, chunks=ALL)
+    views = opened(scene())[2]
     rows = list(zip(views.instance.tolist(), views.frame.tolist(), views.area.tolist(), strict=True))
     first = [(0, frame, 77) for frame in range(4)]
     assert rows == [*first, *((1, frame, 450) for frame in range(4)), (2, 2, 24), (3, 3, 1)]
@@ -28,13 +28,15 @@ def test_rows_go_by_instance_then_frame_and_leave_held_out_frames_out(scene):
 
 @pytest.mark.parametrize("min_area, instances", [(24 / 1600, {0, 1, 2}), (25 / 1600, {0, 1}), (1.0, set())])
 def test_small_masks_are_left_out(scene, min_area, instances):
-    views = find_views(*artifacts(scene()), min_area, None, ALL)
+    views = opened(scene(), min_area)[2]
     assert set(views.instance.tolist()) == instances and views.box.shape == (len(views), 4)
 
 
-def test_views_are_limited_to_max_views(scene):
-    views = find_views(*artifacts(scene()), 0.0, 2, ALL)
+def test_views_are_limited_to_max_views_and_to_training_frames(scene):
+    views = opened(scene(), max_views=2)[2]
     assert views.instance.tolist() == [0, 0, 1, 1, 2, 3] and views.frame.tolist() == [0, 2, 0, 2, 2, 3]
+    views = opened(scene(train=np.zeros(5, bool)))[2]
+    assert len(views) == 0 and views.box.shape == (0, 4)
 
 
 @pytest.mark.parametrize("most", [1, 2, 3, 7, 10, 1000])
@@ -47,22 +49,11 @@ def test_views_are_spread_evenly(most):
         assert not len(gaps) or gaps.max() - gaps.min() <= 1
 
 
-def test_without_training_frames_there_are_no_views(scene):
-    views = find_views(*artifacts(scene(train=np.zeros(5, bool))), 0.0, None, ALL)
-    assert len(views) == 0 and views.box.shape == (0, 4)
-
-
 @pytest.mark.parametrize(
-    "facts, turned",
-    [
-        ({"format": "adt", "upright": True}, False),
-        ({"format": "adt", "upright": False}, True),
-        ({"format": "plain", "upright": False}, False),
-    ],
+    ("format", "upright", "turned"), [("adt", True, False), ("adt", False, True), ("plain", False, False)]
 )
-def test_crops_are_upright(scene, facts, turned):
-    frames, instances = artifacts(scene(**facts))
-    views = find_views(frames, instances, 0.0, None, ALL)
+def test_crops_are_upright(scene, format, upright, turned):
+    frames, instances, views = opened(scene(format=format, upright=upright))
     views = views.chosen(views.by_frame)
     crops = list(cut_crops(frames, instances, views, WANTED, hull=False))
     assert len(crops) == len(views)
@@ -72,12 +63,9 @@ def test_crops_are_upright(scene, facts, turned):
 
 
 def test_each_frame_is_read_once(scene, monkeypatch):
-    frames, instances = artifacts(scene())
-    views = find_views(frames, instances, 0.0, None, ALL)
-    read = []
-    row = type(frames).row
-    monkeypatch.setattr(
-        type(frames), "row", lambda self, name, at: read.append((name, int(at))) or row(self, name, at)
-    )
+    frames, instances, views = opened(scene())
+    read, row = [], Artifact.row
+    noted = lambda self, name, at: read.append((name, int(at))) or row(self, name, at)
+    monkeypatch.setattr(Artifact, "row", noted)
     list(cut_crops(frames, instances, views.chosen(views.by_frame), WANTED, hull=False))
     assert sorted(read) == sorted((name, frame) for name in ("rgb", "labels") for frame in range(4))
