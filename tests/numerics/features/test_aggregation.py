@@ -49,36 +49,48 @@ def test_aggregate_matches_exact_arithmetic(measured, norm, seed, count, width, 
     measured(np.abs(found[0] - exact(rows, norm, k)).max())
 
 
-@pytest.mark.numerics("2 to 1000 identical views give that view; all are inliers", within=2e-14)
+def case(rows: np.ndarray, tried: str, within: float, outside: str = "", inlier: list[bool] | None = None):
+    mark = pytest.mark.numerics(tried, within=within, outside=outside)
+    return pytest.param(rows, inlier, marks=mark, id=f"{tried}, {len(rows)}")
+
+
+SAME, OTHER = views(1, 2, 32)
+ZEROS = "zero features among others", 1e-14, "without others: the consistent feature is 0"
+
+
 @EACH_NORM
-@pytest.mark.parametrize("count", [2, 3, 1000])
-def test_identical_views(measured, norm, count):
-    view = views(0, 1, 32)
-    found, kept = robust_mean(np.repeat(view, count, axis=0)[None], norm, K)
-    assert kept.all()
-    measured(np.abs(found[0] - view[0]).max())
-
-
-@pytest.mark.numerics("one view gives that view", within=0.0)
-@EACH_NORM
-def test_one_view_is_its_own_aggregate(measured, norm):
-    view = views(0, 1, 32)
-    found, kept = robust_mean(view[None], norm, K)
-    assert kept.all()
-    measured(np.abs(found[0] - view[0]).max())
-
-
-@pytest.mark.numerics(
-    "all views but one identical",
-    within=1e-14,
-    outside="every differing view is an outlier",
+@pytest.mark.parametrize(
+    ("rows", "inlier"),
+    [
+        *(
+            case(
+                SAME[None].repeat(count, 0),
+                "2 to 1000 identical views",
+                2e-14,
+                "all are inliers",
+                [True] * count,
+            )
+            for count in (2, 3, 1000)
+        ),
+        case(SAME[None], "one view gives that view", 0.0, inlier=[True]),
+        case(
+            np.stack([SAME] * 4 + [OTHER]),
+            *("all views but one identical", 1e-14, "every differing view is an outlier"),
+            inlier=[True] * 4 + [False],
+        ),
+        case(np.concatenate([views(2, 6, 16), np.zeros((1, 16), np.float32)]), *ZEROS),
+        case(np.zeros((5, 16), np.float32), *ZEROS, inlier=[True] * 5),
+        case(
+            (views(4, 9, 16) * 65504).astype(np.float16),
+            "float16 views of up to its largest number, 65504",
+            1e-10,
+        ),
+    ],
 )
-@pytest.mark.parametrize("norm", ["element", "euclidean", "cosine"])
-def test_all_but_one_identical(measured, norm):
-    same, other = views(1, 2, 32)
-    found, kept = robust_mean(np.stack([same] * 4 + [other])[None], norm, K)
-    assert kept.tolist() == [[True] * 4 + [False]]
-    measured(np.abs(found[0] - same).max())
+def test_extreme_views(measured, norm, rows, inlier):
+    found, kept = robust_mean(rows[None], norm, K)
+    assert inlier is None or kept[0].tolist() == (inlier if norm != "none" else [True] * len(rows))
+    measured(np.abs(found[0] - exact(rows, norm, K)).max())
 
 
 @pytest.mark.numerics("no view", outside="the feature is 0, its number of views is 0")
@@ -87,18 +99,6 @@ def test_an_instance_without_views_gets_zeros():
     assert found.views.tolist() == [1, 0, 1] and not found.feature[1].any()
     none = aggregate(np.zeros((0, 8), np.float32), np.zeros(0, int), 2, "cosine", K)
     assert none.feature.shape == (2, 8) and not none.feature.any() and len(none.inlier) == 0
-
-
-@pytest.mark.numerics(
-    "zero features among others", within=1e-14, outside="without others: the consistent feature is 0"
-)
-@EACH_NORM
-def test_views_of_no_length(measured, norm):
-    zeros, kept = robust_mean(np.zeros((1, 5, 16)), norm, K)
-    assert not zeros.any() and kept.all()
-    rows = np.concatenate([views(2, 6, 16), np.zeros((1, 16), np.float32)])
-    found, _ = robust_mean(rows[None], norm, K)
-    measured(np.abs(found[0] - exact(rows, norm, K)).max())
 
 
 @pytest.mark.numerics(
@@ -128,14 +128,6 @@ def test_half_precision(measured, norm, seed, count):
     rows = views(seed, count, 32).astype(np.float16)
     found, _ = robust_mean(rows[None], norm, K)
     assert found.dtype == np.float64
-    measured(np.abs(found[0] - exact(rows, norm, K)).max())
-
-
-@pytest.mark.numerics("float16 views of up to its largest number, 65504", within=1e-10)
-@EACH_NORM
-def test_the_largest_half_precision(measured, norm):
-    rows = (views(4, 9, 16) * 65504).astype(np.float16)
-    found, _ = robust_mean(rows[None], norm, K)
     measured(np.abs(found[0] - exact(rows, norm, K)).max())
 
 

@@ -8,7 +8,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES
 from egosplat.errors import UserError
 from egosplat.features import autoencoder, stage
@@ -21,6 +21,7 @@ from tests.support.scenes import put
 
 WIDTH = 16
 KINDS = pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
+KEYS = defaults()["features"] | {"dims": 3, "epochs": 2}
 
 
 def features(seed: int, count: int) -> np.ndarray:
@@ -28,16 +29,26 @@ def features(seed: int, count: int) -> np.ndarray:
     return unit(np.random.default_rng(seed).normal(size=(count, WIDTH))).astype(np.float32)
 
 
-def write_view_features(folder: Path, rows: np.ndarray, instance: np.ndarray) -> None:
-    """view_features.zarr with the rows, of instances up to one more than the last that has a view."""
+def run(folder: Path, rows: np.ndarray, instance: list[int], **changes: object) -> Artifact:
+    """The artifact of the rows, of instances up to one more than the last that has a view."""
     arrays = {
         "feature": rows,
-        "instance": instance,
+        "instance": np.array(instance, np.int32),
         "frame": np.arange(len(rows), dtype=np.int32),
-        "instances/level": np.zeros(instance.max() + 2, np.int8),
+        "instances/level": np.zeros(max(instance) + 2, np.int8),
     }
     facts = {"levels": ["whole"], "clip": {"small": True, "hash": "0"}}
-    put(folder, "view_features", arrays, facts, stage="frames")
+    path = put(folder, "view_features", arrays, facts, stage="frames")
+    stage.run(path, folder / "features.zarr", stage.FeaturesOptions(**KEYS | changes))
+    return open_artifact(folder / "features.zarr", FEATURES)
+
+
+def decoded(rows: np.ndarray, kind: str, dims: int) -> np.ndarray:
+    """The rows from their codes."""
+    compression = fit(rows, kind, dims, 2, 0)
+    codes = compression.encode(rows)
+    assert codes.dtype == np.float32 and np.isfinite(codes).all()
+    return decode(torch.from_numpy(codes), compression.decoder).numpy()
 
 
 @pytest.mark.numerics(
@@ -47,9 +58,7 @@ def write_view_features(folder: Path, rows: np.ndarray, instance: np.ndarray) ->
 @given(seed=st.integers(0, 999), count=st.integers(20, 100), exponent=st.floats(-6, 6))
 def test_a_full_basis_loses_nothing(measured, seed, count, exponent):
     rows = features(seed, count) * np.float32(10.0**exponent)
-    compression = fit(rows, "linear", WIDTH, 1, 0)
-    decoded = decode(torch.from_numpy(compression.encode(rows)), compression.decoder).numpy()
-    measured(np.abs(decoded - unit(rows)).max())
+    measured(np.abs(decoded(rows, "linear", WIDTH) - unit(rows)).max())
 
 
 @pytest.mark.numerics(
@@ -80,20 +89,16 @@ def test_the_basis_is_the_best(measured, seed, count):
 )
 def test_features_that_do_not_differ(measured, kind, rows):
     rows = rows.astype(np.float32)
-    compression = fit(rows, kind, 3, 2, 0)
-    codes = compression.encode(rows)
-    decoded = decode(torch.from_numpy(codes), compression.decoder).numpy()
-    assert codes.dtype == np.float32 and np.isfinite(codes).all() and np.isfinite(decoded).all()
+    found = decoded(rows, kind, 3)
+    assert np.isfinite(found).all()
     known = kind != "autoencoder" and rows.size
-    measured(np.abs(decoded - unit(rows)).max() if known else 0.0)
+    measured(np.abs(found - unit(rows)).max() if known else 0.0)
 
 
 @pytest.mark.numerics("two opposite features, whose mean is 0", within=2e-6)
 def test_a_mean_of_zero(measured):
     rows = np.concatenate([features(3, 1), -features(3, 1)])
-    compression = fit(rows, "linear", 1, 1, 0)
-    decoded = decode(torch.from_numpy(compression.encode(rows)), compression.decoder).numpy()
-    measured(np.abs(decoded - rows).max())
+    measured(np.abs(decoded(rows, "linear", 1) - rows).max())
 
 
 @pytest.mark.numerics(
@@ -116,14 +121,11 @@ def test_half_precision(measured):
 )
 @given(exponent=st.floats(-30, 15))
 def test_codes_of_any_length(measured, exponent):
-    decoder = Decoder(
-        (3, 8), np.concatenate([np.random.default_rng(0).normal(size=24), np.zeros(8)]).astype(np.float32)
-    )
+    values = np.append(np.random.default_rng(0).normal(size=24), np.zeros(8)).astype(np.float32)
+    decoder = Decoder((3, 8), values)
     codes = torch.tensor([[0.3, -0.2, 0.9]]) * 10.0**exponent
-    found = decode(codes, decoder)
-    truth = decode(codes.double(), decoder)
     # Shorter than 1e-12, what torch normalizes is left as short as it is.
-    measured(float((found - truth).abs().max()))
+    measured(float((decode(codes, decoder) - decode(codes.double(), decoder)).abs().max()))
     assert not decode(torch.zeros(1, 3), decoder).any()
 
 
@@ -144,26 +146,21 @@ def test_an_autoencoder_that_diverges(monkeypatch):
 @pytest.mark.numerics("quality of one instance and of none", outside="None instead of NaN")
 def test_figures_of_too_few():
     assert spread(features(0, 1)) is None and spread(features(0, 0)) is None
-    assert reconstruction(
-        features(0, 0), features(0, 0), Decoder((WIDTH,), np.zeros(0, np.float32))
-    ).shape == (0,)
+    nothing, decoder = features(0, 0), Decoder((WIDTH,), np.zeros(0, np.float32))
+    assert reconstruction(nothing, nothing, decoder).shape == (0,)
 
 
 @pytest.mark.numerics(
     "the stage: views identical or opposite; instances with one view and none",
     outside="the artifact has no NaN",
 )
-@pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
+@KINDS
 @pytest.mark.parametrize("target", ["average", "consistent", "view"])
 def test_the_stage(tmp_path, kind, target):
     rows = features(7, 9)
     rows[:4] = rows[0]
     rows[5] = -rows[4]
-    instance = np.array([2, 2, 2, 2, 3, 3, 4, 5, 5], np.int32)
-    write_view_features(tmp_path, rows, instance)
-    keys = defaults()["features"] | {"compression": kind, "dims": 3, "epochs": 2, "supervision": target}
-    stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", stage.FeaturesOptions(**keys))
-    made = open_artifact(tmp_path / "features.zarr", FEATURES)
+    made = run(tmp_path, rows, [2, 2, 2, 2, 3, 3, 4, 5, 5], compression=kind, supervision=target)
     for name in ("consistent", "supervision", "code", "consistent_code", "decoder/values"):
         assert np.isfinite(made.read(name)).all(), name
     assert made.read("views").tolist() == [0, 0, 4, 2, 1, 2, 0]
@@ -174,8 +171,6 @@ def test_the_stage(tmp_path, kind, target):
     outside="UserError names the array; nothing is written",
 )
 def test_stage_writes_nothing_when_a_value_is_not_finite(tmp_path):
-    write_view_features(tmp_path, np.full((2, WIDTH), np.nan, np.float32), np.zeros(2, np.int32))
-    keys = defaults()["features"] | {"compression": "none", "dims": 3, "epochs": 2}
     with pytest.raises(UserError, match="'consistent' must be finite"):
-        stage.run(tmp_path / "view_features.zarr", tmp_path / "features.zarr", stage.FeaturesOptions(**keys))
+        run(tmp_path, np.full((2, WIDTH), np.nan, np.float32), [0, 0], compression="none")
     assert not (tmp_path / "features.zarr").exists()
