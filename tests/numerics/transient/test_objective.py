@@ -6,43 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.gaussians.training_views import Views
-from egosplat.geometry import Camera
 from egosplat.transient.network import make_network
 from egosplat.transient.objective import LEAST_SCALE, InitialObjective, ResidualScale
-from egosplat.transient.options import TransientOptions
+from tests.unit.transient.conftest import make_objective, take_steps
 
-SIZE = 32
-OPTIONS = TransientOptions(
-    iterations=40, warmup=0, transient_penalty=0.004, penalty_unit="absolute", residual="mean", lr=3e-3
-)
-
-
-@pytest.fixture
-def views() -> Views:
-    """Two grey pictures with a white square."""
-    pictures = torch.full((2, SIZE, SIZE, 3), 90, dtype=torch.uint8)
-    pictures[0, 4:12, 4:12], pictures[1, 14:22, 14:22] = 255, 255
-    camera = Camera(SIZE, SIZE, 30.0, 30.0, 16.0, 16.0)
-    return Views(
-        np.arange(2), pictures, np.tile(np.eye(4), (2, 1, 1)), None, None, camera, torch.device("cpu")
-    )
-
-
-def objective(**changes: object) -> InitialObjective:
-    return InitialObjective(make_network(64, False, None, 0), OPTIONS.change(**changes), torch.device("cpu"))
-
-
-def trained(one: InitialObjective, views: Views, offset: float, steps: int) -> list[float]:
-    """The losses of ``steps`` steps against renders that are ``offset`` off."""
-    losses = []
-    for number in range(steps):
-        image = (views.picture(number % 2) + offset).requires_grad_()
-        loss = one.loss(image, views, number % 2)
-        loss.backward()
-        one.step()
-        losses.append(loss.item())
-    return losses
+SIZE, PENALTY = 32, 0.004
 
 
 def sound(one: InitialObjective) -> bool:
@@ -59,29 +27,32 @@ def sound(one: InitialObjective) -> bool:
 @pytest.mark.parametrize("offset", [1e-4, 0.1, 1.0, 1e3])
 @pytest.mark.parametrize("residual", ["mean", "sum"])
 def test_the_loss(views, measured, offset, residual):
-    one = objective(residual=residual)
+    one = make_objective(residual=residual, transient_penalty=PENALTY)
     picture = views.picture(0)
     image = picture + offset
     with torch.no_grad():
         probability = one.net(picture, SIZE, SIZE).double()
         found = one.loss(image, views, 0).item()
     error = (image.double() - picture).square().sum(dim=2) * (1.0 if residual == "sum" else 1 / 3)
-    truth = float(((1 - probability) * error).mean() + OPTIONS.transient_penalty * probability.mean())
+    truth = float(((1 - probability) * error).mean() + PENALTY * probability.mean())
     measured(abs(found - truth) / truth)
 
 
-@pytest.mark.numerics("transient_penalty = 0: masking costs nothing", outside="the probability rises")
-def test_transient_penalty_of_zero(views):
-    one = objective(transient_penalty=0.0, lr=1e-2)
-    losses = trained(one, views, 0.3, 20)
-    assert sound(one) and losses[-1] < losses[0]
-
-
-@pytest.mark.numerics("transient_penalty = 1e6: masking never pays", outside="the probability falls")
-def test_a_huge_transient_penalty(views):
-    one = objective(transient_penalty=1e6, lr=1e-2)
-    losses = trained(one, views, 0.3, 20)
-    assert sound(one) and losses[-1] < losses[0]
+@pytest.mark.parametrize(
+    ("penalty", "rate"),
+    [
+        pytest.param(penalty, rate, marks=pytest.mark.numerics(tried, outside=outside))
+        for penalty, rate, tried, outside in (
+            (0.0, 1e-2, "transient_penalty = 0: masking costs nothing", "the probability rises"),
+            (1e6, 1e-2, "transient_penalty = 1e6: masking never pays", "the probability falls"),
+            (PENALTY, 0.1, "lr x100", "probabilities within 0..1, finite weights"),
+        )
+    ],
+)
+def test_extreme_training(views, penalty, rate):
+    one = make_objective(transient_penalty=penalty, lr=rate, iterations=20)
+    losses = take_steps(one, views, 20)
+    assert sound(one) and (rate == 0.1 or losses[-1] < losses[0])
 
 
 @pytest.mark.numerics(
@@ -89,61 +60,53 @@ def test_a_huge_transient_penalty(views):
     outside="the step is skipped",
 )
 def test_transient_penalty_beyond_float32(views):
-    one = objective(transient_penalty=1e30)
+    one = make_objective(transient_penalty=1e30)
     before = [p.detach().clone() for p in one.net.parameters()]
-    trained(one, views, 0.3, 3)
+    take_steps(one, views, 3)
     assert sound(one)
     assert all(torch.equal(*pair) for pair in zip(before, one.net.parameters(), strict=True))
 
 
-def measured_residuals(residual: torch.Tensor, *, others: float | None = None) -> ResidualScale:
-    """Residuals of two views: ``residual`` in view 0, and ``others`` everywhere in view 1."""
-    one = ResidualScale(torch.device("cpu"))
-    one.measure(0, 2, residual, None)
-    if others is not None:
-        one.measure(1, 2, torch.full_like(residual, others), None)
-    return one
-
-
-@pytest.mark.numerics(
+SOME = pytest.mark.numerics(
     "residual unit: residuals of 0, NaN, infinity and 1e30, of one view, and none",
     outside="finite, and at least the rounding of 8 bits",
 )
+UNLIKE = pytest.mark.numerics(
+    "residual unit: a black view, a blurred one, and all blurred", outside="no such view stands out"
+)
+
+
 @pytest.mark.parametrize(
-    ("value", "unit"),
-    [(0.0, LEAST_SCALE), (float("nan"), LEAST_SCALE), (float("inf"), LEAST_SCALE), (0.5, 0.5), (1e30, 1e30)],
+    ("residuals", "unit"),
+    [
+        *(
+            pytest.param([value], unit, marks=SOME)
+            for value, unit in (
+                (0.0, LEAST_SCALE),
+                (np.nan, LEAST_SCALE),
+                (np.inf, LEAST_SCALE),
+                (1e30, 1e30),
+            )
+        ),
+        *(
+            pytest.param([own, others, others], unit, marks=UNLIKE)
+            for own, others, unit in ((0.0, 1e-3, 1e-3), (0.1, 1e-3, 0.1), (0.1, 0.1, 0.1))
+        ),
+    ],
 )
-def test_residual_unit_at_its_ends(value, unit):
-    one = measured_residuals(torch.full((8, 8), value))
-    assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out(0).any()
-    blind = ResidualScale(torch.device("cpu"))
-    blind.measure(0, 2, torch.ones(8, 8), torch.zeros(8, 8))
-    assert blind.unit(0).item() == pytest.approx(LEAST_SCALE) and not blind.stands_out(0).any()
-
-
-@pytest.mark.numerics(
-    "residual unit: a black view, a blurred one, and all blurred",
-    outside="no such view stands out",
-)
-@pytest.mark.parametrize(("own", "others", "unit"), [(0.0, 1e-3, 1e-3), (0.1, 1e-3, 0.1), (0.1, 0.1, 0.1)])
-def test_residual_unit_of_unlike_views(own, others, unit):
-    one = ResidualScale(torch.device("cpu"))
-    for view, value in enumerate((own, others, others)):
+def test_residual_unit_at_its_ends(residuals, unit):
+    one, blind = ResidualScale(torch.device("cpu")), ResidualScale(torch.device("cpu"))
+    for view, value in enumerate(residuals):
         one.measure(view, 3, torch.full((8, 8), value), None)
     assert one.unit(0).item() == pytest.approx(unit) and not one.stands_out(0).any()
-
-
-@pytest.mark.numerics("lr x100", outside="probabilities within 0..1, finite weights")
-def test_a_hundredfold_learning_rate(views):
-    one = objective(lr=100 * 1e-3)
-    trained(one, views, 0.3, 20)
-    assert sound(one)
+    blind.measure(0, 3, torch.ones(8, 8), torch.zeros(8, 8))
+    assert blind.unit(0).item() == pytest.approx(LEAST_SCALE) and not blind.stands_out(0).any()
 
 
 @pytest.mark.numerics("renders with NaN, infinity and 1e30", outside="weight 0; the network stays finite")
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e30])
 def test_broken_renders(views, value):
-    one = objective()
+    one = make_objective()
     image = views.picture(0) + 0.1
     image[3:9] = value
     image.requires_grad_()
@@ -160,13 +123,13 @@ def test_broken_renders(views, value):
 )
 def test_no_valid_pixel(views, measured):
     blind = replace(views, valid=torch.zeros(SIZE, SIZE))
-    one = objective()
+    one = make_objective(transient_penalty=PENALTY)
     image = (blind.picture(0) + 0.3).requires_grad_()
     with torch.no_grad():
         mean = one.net(blind.picture(0), SIZE, SIZE).double().mean()
     loss = one.loss(image, blind, 0)
     loss.backward()
-    measured(abs(loss.item() - OPTIONS.transient_penalty * float(mean)))
+    measured(abs(loss.item() - PENALTY * float(mean)))
     assert not image.grad.any()
 
 

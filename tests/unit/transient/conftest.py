@@ -9,6 +9,9 @@ import torch
 
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
+from egosplat.transient.network import make_network
+from egosplat.transient.objective import InitialObjective
+from egosplat.transient.options import TransientOptions
 from tests.support.scenes import camera_facts, put_scene
 
 SIZE = 32
@@ -31,6 +34,27 @@ def views(pictures) -> Views:
     poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
     frames = np.arange(FRAME_COUNT)
     return Views(frames, torch.from_numpy(pictures), poses, None, None, CAMERA, torch.device("cpu"))
+
+
+OPTIONS = TransientOptions(
+    iterations=12, warmup=0, transient_penalty=0.05, penalty_unit="absolute", residual="mean", lr=3e-3
+)
+
+
+def make_objective(**changes: object) -> InitialObjective:
+    return InitialObjective(make_network(64, False, None, 0), OPTIONS.change(**changes), torch.device("cpu"))
+
+
+def take_steps(objective: InitialObjective, views: Views, count: int, offset: float = 0.3) -> list[float]:
+    """The losses of ``count`` steps against renders that are ``offset`` off."""
+    losses = []
+    for number in range(count):
+        image = (views.picture(number % len(views)) + offset).requires_grad_()
+        loss = objective.loss(image, views, number % len(views))
+        loss.backward()
+        objective.step()
+        losses.append(loss.item())
+    return losses
 
 
 @pytest.fixture

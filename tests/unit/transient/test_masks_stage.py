@@ -16,25 +16,23 @@ SIZE, FRAME_COUNT = 32, 6
 OFF = {"stands_out": 0.0, "pixel_probability": 0.0, "max_share": 1.0}
 
 
-def predict(folder: Path, probability: np.ndarray, frames_digest: str = "", **residuals: np.ndarray) -> None:
-    """Write transient.zarr with a probability, and what stands out."""
-    inputs = {"frames.zarr": frames_digest} if frames_digest else {}
-    put(folder, "transient", {"probability": probability.astype(np.float16)} | residuals, inputs=inputs)
+def predict(folder: Path, probability: np.ndarray, inputs: dict[str, str] | None = None, **more: np.ndarray):
+    """Write transient.zarr with a probability, and what stands out; returns the folder."""
+    put(folder, "transient", {"probability": probability.astype(np.float16)} | more, inputs=inputs)
+    return folder
 
 
-@pytest.fixture
-def folder(scene) -> Path:
+def labels_of(folder: Path) -> np.ndarray:
+    """(6, 32, 32) labels of whole instances."""
+    return open_artifact(folder / "instances.zarr", INSTANCES).read("labels")[:, 2]
+
+
+def predicted(folder: Path) -> Path:
     """The square is half transient everywhere, the lower half a little in one frame."""
-    return predicted(scene())
-
-
-def predicted(made: Path) -> Path:
-    """The same, of a folder of the scene."""
-    labels = open_artifact(made / "instances.zarr", INSTANCES).read("labels")
-    probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
-    probability[0][labels[0, 2] == 1] = 0.06
-    predict(made, probability)
-    return made
+    labels = labels_of(folder)
+    probability = np.where(labels == 0, 0.5, 0.0)
+    probability[0][labels[0] == 1] = 0.06
+    return predict(folder, probability)
 
 
 def run(folder: Path, **keys: object):
@@ -45,8 +43,8 @@ def run(folder: Path, **keys: object):
     return verify(folder / "masks.zarr", SCHEMAS)
 
 
-def test_artifact_holds_the_expected_facts_and_inputs(folder, pictures):
-    masks = run(folder)
+def test_artifact_holds_the_expected_facts_and_inputs(scene, pictures):
+    masks = run(predicted(scene()))
     # A little of the lower half is transient in one of five training frames.
     assert masks.read("instances/score") == pytest.approx([0.5, 0.06 / 5, 0.0], abs=1e-4)
     assert masks.read("instances/transient").tolist() == [True, False, False]
@@ -55,23 +53,17 @@ def test_artifact_holds_the_expected_facts_and_inputs(folder, pictures):
     facts = masks.facts
     assert (facts["transient"], facts["instances"], facts["empty"]) == (1, 3, 1)
     assert facts["masked_share"] == pytest.approx(square.mean())
-    assert masks.origin == "synthetic" and set(masks.provenance["inputs"]) == {
-        "frames.zarr",
-        "instances.zarr",
-        "transient.zarr",
-    }
+    inputs = {f"{name}.zarr" for name in ("frames", "instances", "transient")}
+    assert masks.origin == "synthetic" and set(masks.provenance["inputs"]) == inputs
 
 
 def test_evaluation_frames_decide_nothing_and_are_masked(scene):
     """Frame 3 is held out: its probabilities change no score, but its instances are masked."""
     folder = scene()
-    labels = open_artifact(folder / "instances.zarr", INSTANCES).read("labels")
-    probability = np.where(labels[:, 2] == 0, 0.5, 0.0)
-    predict(folder, probability)
-    before = run(folder)
+    probability = np.where(labels_of(folder) == 0, 0.5, 0.0)
+    before = run(predict(folder, probability))
     probability[3] = 1.0 - probability[3]
-    predict(folder, probability)
-    after = run(folder)
+    after = run(predict(folder, probability))
     for name in ("instances/score", "instances/transient", "refined"):
         assert (after.read(name) == before.read(name)).all()
     assert after.read("refined")[3].any() and not after.read("instances/transient")[1]
@@ -80,18 +72,13 @@ def test_evaluation_frames_decide_nothing_and_are_masked(scene):
 def test_an_instance_of_evaluation_frames_alone_is_not_transient(scene):
     labels = np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32)
     labels[3, 2] = 0
-    folder = scene(labels=labels)
-    predict(folder, np.ones((FRAME_COUNT, SIZE, SIZE)))
-    masks = run(folder)
+    masks = run(predict(scene(labels=labels), np.ones((FRAME_COUNT, SIZE, SIZE))))
     assert not masks.read("instances/transient").any() and masks.facts["empty"] == 3
 
 
-def test_inputs_of_other_frames_are_rejected(scene):
-    folder = scene()
-    predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE // 2)))
-    with pytest.raises(UserError, match="transient.zarr: was made from another frames.zarr"):
-        run(folder)
-    predict(folder, np.zeros((FRAME_COUNT, SIZE, SIZE)), frames_digest="another")
+@pytest.mark.parametrize(("width", "inputs"), [(SIZE // 2, None), (SIZE, {"frames.zarr": "another"})])
+def test_inputs_of_other_frames_are_rejected(scene, width, inputs):
+    folder = predict(scene(), np.zeros((FRAME_COUNT, SIZE, width)), inputs)
     with pytest.raises(UserError, match="transient.zarr: was made from another frames.zarr"):
         run(folder)
 
@@ -102,14 +89,13 @@ def residuals(scene):
 
     def write(rows: int, **changes: np.ndarray) -> Path:
         folder = scene()
-        square = open_artifact(folder / "instances.zarr", INSTANCES).read("labels")[:, 2] == 0
+        square = labels_of(folder) == 0
         arrays = {
             "stands_out": square & (np.cumsum(square, axis=1) <= rows),
             "residual_scale": np.full(FRAME_COUNT, 0.01, np.float32),
             "compared": np.ones((SIZE, SIZE), bool),
         }
-        predict(folder, np.where(square, 0.9, 0.0), **arrays | changes)
-        return folder
+        return predict(folder, np.where(square, 0.9, 0.0), **arrays | changes)
 
     return write
 
@@ -135,13 +121,13 @@ def test_what_was_not_measured_decides_nothing(residuals, changes):
     assert run(residuals(0, **changes), stands_out=1.0).read("instances/transient")[0]
 
 
-def test_a_pixel_that_the_network_calls_static_is_not_masked(folder):
+def test_a_pixel_that_the_network_calls_static_is_not_masked(scene):
     """Frame 0 shows the transient instance where the network sees nothing move."""
-    made = open_artifact(folder / "instances.zarr", INSTANCES).read("labels")[:, 2] == 0
+    folder = scene()
+    made = labels_of(folder) == 0
     probability = np.where(made, 0.5, 0.0)
     probability[0] = 0.0
-    predict(folder, probability)
-    masks = run(folder, pixel_probability=0.5)
+    masks = run(predict(folder, probability), pixel_probability=0.5)
     assert not masks.read("refined")[0].any() and (masks.read("refined")[1:] == made[1:]).all()
 
 
@@ -161,9 +147,7 @@ def test_masks_that_are_merged_in_3d_are_not_masked(scene):
 )
 def test_nothing_is_masked_where_half_is_transient(scene, probability, max_share, reason):
     """A network that failed masks nothing instead of half of the scene, and the artifact says why."""
-    folder = scene()
-    everywhere = np.full((FRAME_COUNT, SIZE, SIZE), probability)
-    predict(folder, everywhere)
+    folder = predict(scene(), np.full((FRAME_COUNT, SIZE, SIZE), probability))
     masks = run(folder, threshold=0.45, max_share=max_share)
     assert masks.facts["withheld"] == reason
     assert masks.read("refined").any() == masks.read("instances/transient").any() == (reason is None)
@@ -174,9 +158,8 @@ def test_pixels_that_a_frame_leaves_out_say_nothing_of_an_instance(scene, pictur
     """The square is transient where its own masks hide it alone: it is not transient, and not masked again."""
     hidden = (pictures == 255).all(axis=-1)
     hidden[:, :, 16:] = False
-    made = predicted(scene(masked=hidden))
-    labels = open_artifact(made / "instances.zarr", INSTANCES).read("labels")
-    predict(made, np.where(hidden, 1.0, np.where(labels[:, 2] == 0, 0.1, 0.0)))
+    made = scene(masked=hidden)
+    predict(made, np.where(hidden, 1.0, np.where(labels_of(made) == 0, 0.1, 0.0)))
     masks = run(made, sure_probability=sure_probability)
     assert masks.read("instances/score")[0] == pytest.approx(0.1, abs=1e-3)
     assert not masks.read("refined").any()

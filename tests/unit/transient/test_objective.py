@@ -5,34 +5,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from egosplat.transient.network import make_network
-from egosplat.transient.objective import InitialObjective
-from egosplat.transient.options import TransientOptions
-
-OPTIONS = TransientOptions(
-    iterations=12, warmup=0, transient_penalty=0.05, penalty_unit="absolute", residual="mean", lr=3e-3
-)
-
-
-def make(**changes: object) -> InitialObjective:
-    return InitialObjective(make_network(64, False, None, 0), OPTIONS.change(**changes), torch.device("cpu"))
-
-
-def steps(objective: InitialObjective, views, count: int, offset: float = 0.3) -> list[float]:
-    """The losses of ``count`` steps against renders that are ``offset`` off."""
-    losses = []
-    for number in range(count):
-        image = (views.picture(number % len(views)) + offset).requires_grad_()
-        loss = objective.loss(image, views, number % len(views))
-        loss.backward()
-        objective.step()
-        losses.append(loss.item())
-    return losses
+from tests.unit.transient.conftest import make_objective, take_steps
 
 
 @torch.no_grad()
 def test_the_loss_uses_valid_pixels_only(views):
-    objective, weight = make(transient_penalty=0.0), torch.zeros(32, 32)
+    objective, weight = make_objective(transient_penalty=0.0), torch.zeros(32, 32)
     weight[:, 16:] = 1.0
     masked = replace(views, valid=weight)
     image = views.picture(0).clone()
@@ -44,40 +22,29 @@ def test_the_loss_uses_valid_pixels_only(views):
     ("offset", "rises"), [(0.1, False), (0.5, True)], ids=["e < transient_penalty", "e > transient_penalty"]
 )
 def test_probability_follows_the_residual(views, offset, rises):
-    objective = make()
-    steps(objective, views, 12, offset)
+    objective = make_objective()
+    take_steps(objective, views, 12, offset)
     first, last = objective.mean_probability(list(range(1, 13)))[[0, -1]]
     assert (last > first + 0.05) if rises else (last < first - 0.05)
 
 
 def test_the_network_is_not_trained_in_the_warm_up(views):
-    objective = make(warmup=3 / 12)
+    objective = make_objective(warmup=3 / 12)
     before = {name: tensor.clone() for name, tensor in objective.net.state_dict().items()}
-    losses = steps(objective, views, 3)
+    losses = take_steps(objective, views, 3)
     assert losses == pytest.approx([0.09] * 3, rel=1e-4)
     assert all(torch.equal(tensor, before[name]) for name, tensor in objective.net.state_dict().items())
     assert objective.mean_probability([3]).tolist() == [0.0]
-    steps(objective, views, 1)
+    take_steps(objective, views, 1)
     assert not torch.equal(objective.net.head.weight, before["head.weight"])
     assert objective.mean_probability([3, 4])[1] > 0.0
-
-
-def test_training_resumes_where_it_stopped(views):
-    unbroken, first, second = make(), make(), make()
-    losses = steps(unbroken, views, 12)
-    steps(first, views, 6)
-    second.load_state_dict(first.state_dict())
-    assert steps(second, views, 12 - 6) == losses[6:]
-    weights = second.net.state_dict()
-    assert all(torch.equal(tensor, weights[name]) for name, tensor in unbroken.net.state_dict().items())
-    assert (second.mean_probability([6, 12]) == unbroken.mean_probability([6, 12])).all()
 
 
 def test_the_network_separates_what_stands_out_from_a_uniform_residual(views):
     """A residual everywhere is the camera's: nothing is transient. A part of the frame far above it is."""
     rises = []
     for part in (0.2, 0.9):
-        objective = make(warmup=2 / 12, penalty_unit="residual", transient_penalty=2.0)
+        objective = make_objective(warmup=2 / 12, penalty_unit="residual", transient_penalty=2.0)
         for number in range(12):
             image = views.picture(number % len(views)) + 0.2
             image[:8] = views.picture(number % len(views))[:8] + part
@@ -91,12 +58,15 @@ def test_the_network_separates_what_stands_out_from_a_uniform_residual(views):
 def test_residuals_of_the_warm_up_are_kept_and_resumed(views):
     """The scale is of the warm-up, or of the first visit after it; a resumed run has the same penalties to the bit."""
     keys = {"warmup": 4 / 12, "penalty_unit": "residual", "transient_penalty": 2.0}
-    unbroken, first, second = make(**keys), make(**keys), make(**keys)
-    losses = steps(unbroken, views, 4, 0.1) + steps(unbroken, views, 8, 0.4)
+    unbroken, first, second = (make_objective(**keys) for _ in range(3))
+    losses = take_steps(unbroken, views, 4, 0.1) + take_steps(unbroken, views, 8, 0.4)
     assert unbroken.residuals.scale.tolist() == pytest.approx([0.01] * 4 + [0.16] * 2, rel=1e-3)
-    steps(first, views, 4, 0.1)
+    take_steps(first, views, 4, 0.1)
     second.load_state_dict(first.state_dict())
-    assert steps(second, views, 8, 0.4) == losses[4:]
+    assert take_steps(second, views, 8, 0.4) == losses[4:]
+    weights = second.net.state_dict()
+    assert all(torch.equal(values, weights[name]) for name, values in unbroken.net.state_dict().items())
+    assert (second.mean_probability([4, 12]) == unbroken.mean_probability([4, 12])).all()
 
 
 @pytest.mark.parametrize("penalty_unit", ["absolute", "residual"])
@@ -105,7 +75,7 @@ def test_a_picture_s_own_mask_leaves_pixels_out(views, penalty_unit):
     masked = torch.zeros(6, 32, 32, dtype=torch.bool)
     masked[0, :, 20:] = True
     views = replace(views, transient=masked)
-    one = make(warmup=1 / 12, penalty_unit=penalty_unit)
+    one = make_objective(warmup=1 / 12, penalty_unit=penalty_unit)
     for _ in range(2):
         image = (views.picture(0) + 0.1 + 0.8 * masked[0, ..., None]).requires_grad_()
         one.loss(image, views, 0).backward()

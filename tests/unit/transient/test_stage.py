@@ -26,10 +26,8 @@ def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, 
 def test_artifact_holds_the_expected_facts_and_inputs(scene):
     registered = np.arange(6) != 5
     transient = run(scene(registered=registered))
-    assert transient.origin == "synthetic" and set(transient.provenance["inputs"]) == {
-        "frames.zarr",
-        "poses.zarr",
-    }
+    assert transient.origin == "synthetic"
+    assert set(transient.provenance["inputs"]) == {"frames.zarr", "poses.zarr"}
     assert transient.facts["views"] == 4 and transient.facts["working_size"] == [32, 32]
     assert transient.read("curve/iteration").tolist() == [10, 12]
     probability = transient.read("probability")
@@ -68,19 +66,12 @@ def test_the_network_is_restored_from_its_artifact(scene):
 
 def test_poses_and_exposure_are_corrected_here_too(scene):
     """Protects the keys of the section camera in this stage."""
-    folder = scene()
-    weights = [
-        run(folder, f"{number}.zarr", refine_poses=poses, compensate_exposure=exposure).read("weights")
-        for number, (poses, exposure) in enumerate(
-            [("off", "off"), ("auto", "auto"), ("on", "off"), ("off", "on")]
-        )
-    ]
+    folder, weights = scene(), []
+    for poses, exposure in (("off", "off"), ("auto", "auto"), ("on", "off"), ("off", "on")):
+        found = run(folder, f"{poses}_{exposure}.zarr", refine_poses=poses, compensate_exposure=exposure)
+        weights.append(found.read("weights"))
     assert np.array_equal(weights[0], weights[1])
     assert not np.array_equal(weights[0], weights[2]) and not np.array_equal(weights[0], weights[3])
-
-
-class Stopped(Exception):
-    pass
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
@@ -90,9 +81,9 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
 
     def stop(self, state):
         save(self, state)
-        raise Stopped
+        raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch, pytest.raises(Stopped):
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Checkpoint, "save_if_due", stop)
         patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
         run(folder, background="random")
@@ -109,21 +100,15 @@ def test_it_trains_on_one_thread_so_that_it_repeats(scene, monkeypatch):
         train(*arguments)
 
     monkeypatch.setattr(stage, "resume_and_train", noted)
-    before = torch.get_num_threads()
     torch.set_num_threads(2)
-    try:
-        run(scene(), iterations=1)
-        assert threads == [1] and torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
+    run(scene(), iterations=1)
+    assert threads == [1] and torch.get_num_threads() == 2
 
 
 def test_pictures_of_the_sensor_are_turned_upright(scene):
-    lying = run(scene(facts={"format": "adt", "upright": False}), iterations=1, warmup=1.0).read(
-        "probability"
-    )
-    upright = run(scene(facts={"format": "adt", "upright": True}), iterations=1, warmup=1.0).read(
-        "probability"
+    lying, upright = (
+        run(scene(facts={"format": "adt", "upright": turned}), iterations=1, warmup=1.0).read("probability")
+        for turned in (False, True)
     )
     assert (lying != upright).any()
 
