@@ -1,6 +1,5 @@
 """Trajectories: few or unsorted rows, quaternions of either sign, rotations of any angle, gaps and far origins."""
 
-from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 
@@ -28,7 +27,7 @@ def poses(angles: list[float], places: np.ndarray | None = None) -> np.ndarray:
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Callable[..., Path]:
+def write(tmp_path):
     """``write(times_us, quaternions, places)``: a trajectory table, quaternions xyzw."""
 
     def make(times_us: list[float], quaternions: np.ndarray, places: np.ndarray | None = None) -> Path:

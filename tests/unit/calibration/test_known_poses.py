@@ -25,7 +25,6 @@ def true_pose(model: pycolmap.Reconstruction, name: str) -> np.ndarray:
 
 @pytest.mark.parametrize("folder", ["colmap_folder", "text_folder"])
 def test_a_colmap_model_is_read_as_it_is(pictures, model, folder, request):
-    """Poses, camera and points to rounding, from both of COLMAP's formats."""
     request.getfixturevalue(folder)
     contents = read_known_poses(pictures, "colmap", *SIZE)
     assert contents.lenses == [Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))]
@@ -36,7 +35,6 @@ def test_a_colmap_model_is_read_as_it_is(pictures, model, folder, request):
 
 
 def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
-    """The axes: a picture's y points up and its z backward in the file."""
     transforms(applied_transform=[[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], applied_scale=0.5)
     contents = read_known_poses(pictures, "transforms", *SIZE)
     assert contents.lenses == [Lens("OPENCV", WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, 0.05, -0.01, 0.0, 0.0))]
@@ -47,7 +45,6 @@ def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
 
 @pytest.mark.parametrize("binary", [True, False])
 def test_points_of_a_transforms_file(pictures, transforms, binary):
-    """nerfstudio writes its points to a PLY file beside it."""
     table = np.array(
         [(1.0, 2.0, 3.0, 9, 8, 7), (-1.0, 0.5, 0.0, 255, 0, 1)],
         dtype=[*((axis, "<f4") for axis in "xyz"), *((name, "u1") for name in ("red", "green", "blue"))],
@@ -68,7 +65,6 @@ def test_points_of_a_transforms_file(pictures, transforms, binary):
 
 
 def test_the_format_is_found_or_named(pictures, colmap_folder, transforms):
-    """Two files are a choice of the user's, and a named file that is not there is an error."""
     assert find_known_poses(pictures, "auto") == "colmap"
     with pytest.raises(UserError, match=r"transforms.json: not found, but frames.known_poses"):
         find_known_poses(pictures, "transforms")
@@ -96,7 +92,6 @@ def test_a_cut_binary_file_is_named(pictures, colmap_folder, name, keep):
 @pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
 @pytest.mark.parametrize("content", [b"hello world\n", b"\xff\x00\xfe" * 50])
 def test_a_text_file_of_something_else_is_named(pictures, text_folder, name, content):
-    """No traceback of COLMAP's."""
     (text_folder / f"{name}.txt").write_bytes(content)
     with pytest.raises(UserError, match="colmap: not a readable COLMAP model") as caught:
         read_known_poses(pictures, "colmap", *SIZE)
@@ -104,14 +99,12 @@ def test_a_text_file_of_something_else_is_named(pictures, text_folder, name, con
 
 
 def test_a_folder_without_a_model_is_named(pictures, colmap_folder):
-    """A project folder instead of a model folder, or a file that was not copied."""
     (colmap_folder / "images.bin").unlink()
     with pytest.raises(UserError, match="colmap: has no images.bin. A COLMAP model has"):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
 def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, model, text_folder):
-    """Pictures of several phones, or of hloc, which makes a camera for each picture."""
     other = pycolmap.Camera(model="RADIAL", width=WIDTH, height=HEIGHT, params=[61.0, 31.0, 25.0, 0.0, 0.0])
     other.camera_id = 2
     model.add_camera_with_trivial_rig(other)
@@ -129,14 +122,12 @@ def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, model, text_fold
 
 
 def test_an_unsupported_model_of_colmap_is_named(pictures, text_folder):
-    """The error names the file and what is supported."""
     (text_folder / "cameras.txt").write_text(f"1 FOV {WIDTH} {HEIGHT} 60 60 31 25 0.9\n")
     with pytest.raises(UserError, match="colmap: 1.png: camera model FOV is not supported.*OPENCV_FISHEYE"):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
 def test_a_name_with_a_space_is_named(pictures, text_folder):
-    """COLMAP ends the name at the space."""
     path = text_folder / "images.txt"
     path.write_text(path.read_text().replace("3.png", "3 a.png"))
     with pytest.raises(UserError, match="images.txt: 3 a.png: no spaces in names"):
@@ -147,7 +138,6 @@ def test_a_name_with_a_space_is_named(pictures, text_folder):
     "numbers", ["1 0 0 0 1e999 2 3", "1 0 0 0 nan 2 3", "1 1 0 0 1 2 3", "0 0 0 0 1 2 3"]
 )
 def test_a_pose_that_is_no_rotation_is_named(pictures, text_folder, numbers):
-    """Scaled, or not finite."""
     lines = (text_folder / "images.txt").read_text().splitlines()
     at = next(index for index, line in enumerate(lines) if line.endswith("3.png"))
     words = lines[at].split()
@@ -209,7 +199,6 @@ NAN, POSE = float("nan"), np.eye(4).tolist()
     ],
 )
 def test_a_bad_transforms_file_is_named(pictures, transforms, changes, problem):
-    """One line that names the file and the key or the picture."""
     transforms(**changes)
     assert pictures / "transforms.json" in known_pose_files(pictures, "auto")
     with pytest.raises(UserError, match=f"transforms.json: .*{problem}|nowhere.ply: not a") as caught:
@@ -219,14 +208,12 @@ def test_a_bad_transforms_file_is_named(pictures, transforms, changes, problem):
 
 @pytest.mark.parametrize("text", ["", "{", "[1]", "[" * 5000])
 def test_a_transforms_file_that_is_no_object_is_named(pictures, text):
-    """Damaged JSON."""
     (pictures / "transforms.json").write_text(text)
     with pytest.raises(UserError, match="transforms.json: "):
         read_known_poses(pictures, "transforms", *SIZE)
 
 
 def test_a_pose_written_with_few_digits_is_made_rigid(pictures, transforms):
-    """Some tools write four digits; the nearest rotation is within them."""
     pose = np.eye(4)
     pose[:3, :3] = [[0.8660, -0.5, 0.0], [0.5, 0.8660, 0.0], [0.0, 0.0, 1.0]]
     transforms(frames=frame(transform_matrix=pose.tolist()))
@@ -256,14 +243,12 @@ MATCHES = {
 
 @pytest.mark.parametrize("names, pictures, row", MATCHES.values(), ids=MATCHES)
 def test_names_match_pictures(tmp_path, names, pictures, row):
-    """What tools write for one picture; only a video's frames are told by number."""
     matched, unmatched = match_pictures(names, pictures, tmp_path)
     assert matched.tolist() == row
     assert unmatched == [name for index, name in enumerate(names) if index not in row]
 
 
 def test_names_that_match_twice_or_never_are_named(tmp_path):
-    """A file of another recording, or of two cameras with equal names."""
     with pytest.raises(UserError, match="left/1.png and right/1.png are both the picture 1.png"):
         match_pictures(["left/1.png", "right/1.png"], ["1.png"], tmp_path)
     with pytest.raises(UserError, match="1.png is both left/1.png and right/1.png"):
@@ -321,7 +306,6 @@ def test_distortion_of_all_frames_or_of_each(pictures, transforms, per_frame, ca
 
 
 def test_keys_that_do_not_count_are_told(pictures, transforms):
-    """Hints for the viewers and trainers of other programs."""
     transforms(aabb_scale=16, orientation_override="none", frames=entries(2, colmap_im_id=1, sharpness=9.0))
     unread = read_known_poses(pictures, "transforms", *SIZE).unread
     assert unread == ["aabb_scale", "orientation_override", "colmap_im_id", "sharpness"]
@@ -329,7 +313,6 @@ def test_keys_that_do_not_count_are_told(pictures, transforms):
 
 @pytest.mark.parametrize("far", ["one", "all"])
 def test_positions_far_from_each_other_or_from_the_origin_are_named(pictures, transforms, far):
-    """A broken pose, or coordinates of a map: float32 would not tell the cameras apart."""
     frames = entries(4)
     for index, one in enumerate(frames):
         one["transform_matrix"][1][3] += 4e6 if far == "all" or index == 2 else 0.0

@@ -26,7 +26,6 @@ def picture_of(lens: Lens) -> np.ndarray:
 
 @pytest.mark.parametrize("lens", DISTORTED.values(), ids=DISTORTED)
 def test_a_rectified_pixel_shows_the_ray_of_the_pinhole_camera(lens):
-    """The whole geometry: a wrong sign, pixel offset or axis shows as a wrong ray."""
     camera = lens.pinhole
     shown = Rectifier(lens).image(picture_of(lens)).astype(float)
     x = (np.arange(WIDTH) + 0.5 - camera.cx) / camera.fx
@@ -38,7 +37,6 @@ def test_a_rectified_pixel_shows_the_ray_of_the_pinhole_camera(lens):
 
 @pytest.mark.parametrize("lens", DISTORTED.values(), ids=DISTORTED)
 def test_no_rectified_pixel_is_blank_and_two_sides_touch_the_border(lens):
-    """The view is as large as it can be without pixels that no camera saw."""
     everywhere = np.ones((HEIGHT, WIDTH), bool)
     assert Rectifier(lens).mask(everywhere).all()
     camera, full = lens.pinhole, lens.colmap()
@@ -56,7 +54,6 @@ def test_no_rectified_pixel_is_blank_and_two_sides_touch_the_border(lens):
 
 
 def test_a_lens_without_distortion_changes_nothing():
-    """Pictures of a pinhole camera keep their bits and their calibration."""
     lens = Lens("OPENCV", WIDTH, HEIGHT, (*PINHOLE, 0.0, 0.0, 0.0, 0.0))
     picture = np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8)
     assert lens.pinhole == Camera(WIDTH, HEIGHT, *PINHOLE)
@@ -66,7 +63,6 @@ def test_a_lens_without_distortion_changes_nothing():
 
 @pytest.mark.parametrize("lens", DISTORTED.values(), ids=DISTORTED)
 def test_labels_and_masks_follow_the_picture(lens):
-    """An annotation stays on its object, and a masked pixel does not come back."""
     labels = (np.arange(WIDTH)[None] // 8 + 20 * (np.arange(HEIGHT)[:, None] // 8)).astype(np.int32)
     rectifier = Rectifier(lens)
     picture = np.repeat(labels[..., None], 3, axis=2).astype(np.uint8)
@@ -88,7 +84,6 @@ def test_labels_and_masks_follow_the_picture(lens):
     ],
 )
 def test_an_impossible_camera_is_named(lens, problem):
-    """The error names the file and what is wrong."""
     with pytest.raises(UserError, match=f"here.json: .*{problem}"):
         lens.check("here.json")
 
@@ -102,6 +97,5 @@ def test_an_impossible_camera_is_named(lens, problem):
     ids=["folded", "wider than a half space"],
 )
 def test_a_view_without_a_pinhole_camera_is_rejected(lens):
-    """No frames with invented pixels: the message says what the lens is."""
     with pytest.raises(UserError, match=f"{lens.model} lens"):
         _ = lens.pinhole

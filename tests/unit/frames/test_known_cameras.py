@@ -78,7 +78,7 @@ def make(recording: Path, **poses: object) -> tuple[Artifact, Artifact]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """Four pictures in a folder."""
     for name in NAMES:
         save(tmp_path / "recording" / name, picture())
@@ -105,7 +105,6 @@ def test_pictures_lie_as_their_files_have_them(tmp_path, kind, orientation, size
 
 
 def test_pictures_are_turned_if_only_this_is_the_size_of_their_camera(tmp_path, capsys):
-    """The poses are of pictures that some tool had turned."""
     for name in NAMES:
         save(tmp_path / name, picture(), 6)
     write_transforms(tmp_path, NAMES, CAMERA | {"w": HEIGHT, "h": WIDTH, "cx": 24.0, "cy": 32.0})
@@ -117,7 +116,6 @@ def test_pictures_are_turned_if_only_this_is_the_size_of_their_camera(tmp_path, 
 
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
 def test_a_camera_of_another_size_is_named(folder, kind):
-    """Pictures that were made smaller after the reconstruction."""
     if kind == "colmap":
         write_model(folder, NAMES, ["PINHOLE 128 96 120 120 64 48"], [1] * 4)
     else:
@@ -127,7 +125,6 @@ def test_a_camera_of_another_size_is_named(folder, kind):
 
 
 def test_two_cameras_become_one_that_both_see(tmp_path):
-    """Pictures of two lenses and sizes show a direction at the same pixel."""
     lenses = [
         Lens("OPENCV", 64, 48, (60.0, 60.0, 31.0, 25.0, 0.1, 0.0, 0.0, 0.0)),
         Lens("PINHOLE", 96, 128, (110.0, 110.0, 48.0, 64.0)),
@@ -153,14 +150,12 @@ def test_two_cameras_become_one_that_both_see(tmp_path):
 
 
 def test_cameras_without_a_common_view_are_named():
-    """A telephoto lens of less than a pixel of the others."""
     lenses = [Lens("PINHOLE", 64, 48, (focal, focal, 32.0, 24.0)) for focal in (60.0, 60.0, 1e6)]
     with pytest.raises(UserError, match="3 cameras of the known poses share no view"):
         shared_pinhole(lenses, [1, 1, 1])
 
 
 def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
-    """hloc's model of two phones: every picture from its own camera, and its annotation with it."""
     recording, names = tmp_path / "recording", ["a.png", "b.png", "c.png"]
     for name in names:
         save(recording / name, picture(*((HEIGHT, WIDTH) if name == "b.png" else (WIDTH, HEIGHT))))
@@ -199,7 +194,6 @@ def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
 
 
 def test_a_mask_of_the_folder_needs_pictures_of_one_size(tmp_path):
-    """It cannot be the mask of all."""
     save(tmp_path / "a.png", picture())
     save(tmp_path / "b.png", picture(HEIGHT, WIDTH))
     save(tmp_path / "valid.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
@@ -222,7 +216,6 @@ def write_masks(folder: Path, *, suffix: str = "png") -> np.ndarray:
 
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
 def test_masks_of_frames_are_read(folder, suffix):
-    """What no frame shows is invalid; the rest counts in no loss, and stays in the picture."""
     shown = write_masks(folder, suffix=suffix)
     write_transforms(folder, NAMES, mask_path=[f"masks/{index}.{suffix}" for index in range(4)])
     frames, _ = make(folder)
@@ -238,7 +231,6 @@ def test_masks_of_frames_are_read(folder, suffix):
 
 @pytest.mark.parametrize("known", [False, True])
 def test_transparent_pixels_are_not_valid(folder, known):
-    """Below them lies any color. What is transparent in every picture is invalid, the rest masked."""
     alpha = np.full((4, HEIGHT, WIDTH), 255, np.uint8)
     alpha[:, :, :8] = 0
     alpha[1, 10:20, 20:30] = 200
@@ -275,7 +267,6 @@ LAYOUTS = {
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
 @pytest.mark.parametrize("names, first, file_of", LAYOUTS.values(), ids=LAYOUTS)
 def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, names, first, file_of):
-    """The scene is the project's folder; smaller copies and masks beside the pictures are none of them."""
     recording = tmp_path / "recording"
     for name in names:
         save(recording / file_of(name), picture())
@@ -322,7 +313,6 @@ def test_masks_that_leave_nothing_are_an_error(folder):
 
 
 def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monkeypatch):
-    """Edges of transparency are no features."""
     alpha = np.full((HEIGHT, WIDTH), 255, np.uint8)
     alpha[:, 40:] = 0
     save(folder / "2.png", np.dstack([picture(), alpha]))

@@ -170,7 +170,6 @@ def test_area_averaging_does_not_alias(tmp_path):
 
 @pytest.mark.parametrize("stride, advised", [(1, "12 frames, 15 a second; frames.stride=5"), (3, None)])
 def test_a_stride_is_advised_where_colmap_would_take_long(video, capsys, stride, advised):
-    """A video of 30 frames a second takes COLMAP many minutes for views that hardly differ."""
     open_recording(video(), OPTIONS.change(stride=stride))
     said = capsys.readouterr().err
     assert advised in said if advised else "frames.stride" not in said

@@ -59,7 +59,6 @@ def device(version: DeviceVersion, build: str, origin: str, tilt_deg: float = 0.
 
 @pytest.mark.parametrize("version, build, origin, turns", BUILDS)
 def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_path):
-    """The pose of the rectified camera follows the same decision as its frames."""
     calibration = device(version, build, origin)
     made = rectification(calibration, pinhole(64, 460.0), True, tmp_path)
     cpf_from_device = np.linalg.inv(calibration.get_transform_device_cpf(CpfType.CadBased).to_matrix())
@@ -72,7 +71,6 @@ def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_
 
 
 def test_every_quarter_turn_is_found():
-    """A camera turned counterclockwise about its axis needs as many clockwise turns of its image."""
     for turns in range(4):
         for tilt in (-40, 0, 40):
             turned = device(*BUILDS[2][:3], tilt_deg=90 * turns + tilt)

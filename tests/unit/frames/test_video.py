@@ -37,7 +37,6 @@ def greens(video):
 
 @pytest.mark.parametrize("name", ENCODED)
 def test_frames_whose_times_are_missing_or_out_of_order_get_even_times(source, capsys, name):
-    """These files are sound: the decoder yields every frame in the order in which it is shown."""
     path = source.with_name(name)
     ffmpeg("-i", source, *ENCODED[name], path)
     video = open_video(path)

@@ -48,7 +48,7 @@ def cloud(inv_dist_std: list[float], dist_std: list[float]) -> pd.DataFrame:
     return pd.DataFrame(columns | {"inv_dist_std": inv_dist_std, "dist_std": dist_std})
 
 
-def test_poses_are_exact_at_rows_and_interpolated_between_them(table: pd.DataFrame, recording: Recording):
+def test_poses_are_exact_at_rows_and_interpolated_between_them(table, recording):
     poses = poses_at(recording(table), [1_010_000, 1_015_000, 1_002_500])
     expected = [device_pose(1.01, 30.0), device_pose(1.015, 60.0), device_pose(1.0025, 7.5)]
     np.testing.assert_allclose(poses.camera_to_world, np.array(expected) @ MOUNT, atol=1e-12)
@@ -64,9 +64,7 @@ def test_poses_are_exact_at_rows_and_interpolated_between_them(table: pd.DataFra
         (1, "graph_uid", "b", "line 3 .*: the row belongs to another world frame"),
     ],
 )
-def test_a_bad_row_is_named(
-    table: pd.DataFrame, recording: Recording, row: int, column: str, value: object, message: str
-):
+def test_a_bad_row_is_named(table, recording, row, column, value, message):
     table = table.astype(object)
     table.loc[row, column] = value
     with pytest.raises(UserError, match=rf"aria_trajectory.csv, {message}"):
@@ -83,14 +81,12 @@ def test_a_bad_row_is_named(
         (lambda table: table.assign(gravity_y_world=0.0), "gravity_world is 0 m/s"),
     ],
 )
-def test_a_bad_table_is_rejected(
-    table: pd.DataFrame, recording: Recording, change: Callable[[pd.DataFrame], pd.DataFrame], message: str
-):
+def test_a_bad_table_is_rejected(table, recording, change, message):
     with pytest.raises(UserError, match=message):
         poses_at(recording(change(table)), [1_000_000])
 
 
-def test_an_empty_or_binary_file_is_rejected(tmp_path: Path):
+def test_an_empty_or_binary_file_is_rejected(tmp_path):
     path = tmp_path / "aria_trajectory.csv"
     for content in (b"", b"\x00\xff\xfe\x80" * 50):
         path.write_bytes(content)
@@ -101,9 +97,7 @@ def test_an_empty_or_binary_file_is_rejected(tmp_path: Path):
 @pytest.mark.parametrize(
     "wanted, present", [("closed_loop", "ground_truth"), ("ground_truth", "closed_loop")]
 )
-def test_a_missing_trajectory_advises_the_one_that_is_present(
-    table: pd.DataFrame, recording: Recording, wanted: str, present: str
-):
+def test_a_missing_trajectory_advises_the_one_that_is_present(table, recording, wanted, present):
     folder = recording(table, closed_loop=present == "closed_loop")
     with pytest.raises(UserError, match=f"{TRAJECTORIES[wanted].name} .*poses.trajectory={present}"):
         poses_at(folder, [1_000_000], wanted)
@@ -112,7 +106,7 @@ def test_a_missing_trajectory_advises_the_one_that_is_present(
         poses_at(folder, [1_000_000], wanted)
 
 
-def test_no_registered_frame_is_rejected_with_the_reason(table: pd.DataFrame, recording: Recording):
+def test_no_registered_frame_is_rejected_with_the_reason(table, recording):
     folder = recording(table)
     with pytest.raises(UserError, match="1.000 s to 1.130 s.* 7.000 s to 8.000 s"):
         poses_at(folder, [7e6, 8e6])
@@ -120,7 +114,7 @@ def test_no_registered_frame_is_rejected_with_the_reason(table: pd.DataFrame, re
         poses_at(folder, [1_050_000])
 
 
-def test_points_are_filtered_by_both_uncertainties(table: pd.DataFrame, recording: Recording):
+def test_points_are_filtered_by_both_uncertainties(table, recording):
     points = cloud([0.0005, 0.001, 0.0005, 0.002, np.nan, 0.0, 0.0], [0.1, 0.1, 0.15, 0.2, 0.1, 0.0, 0.0])
     points.loc[5, "px_world"] = np.nan
     points.loc[6, "pz_world"] = 1e300
@@ -131,7 +125,7 @@ def test_points_are_filtered_by_both_uncertainties(table: pd.DataFrame, recordin
     assert poses.notes["points_rejected"] == {"not_finite": 1, "too_far": 1, "inv_dist_std": 3, "dist_std": 2}
 
 
-def test_points_are_optional_for_ground_truth_only(table: pd.DataFrame, recording: Recording):
+def test_points_are_optional_for_ground_truth_only(table, recording):
     folder = recording(table)
     recording(table, closed_loop=True)
     assert poses_at(folder, [1_000_000]).points.shape == (0, 3)
@@ -144,7 +138,7 @@ def test_points_are_optional_for_ground_truth_only(table: pd.DataFrame, recordin
         poses_at(folder, [1_000_000], "closed_loop")
 
 
-def test_a_damaged_point_cloud_is_rejected(table: pd.DataFrame, recording: Recording):
+def test_a_damaged_point_cloud_is_rejected(table, recording):
     rng = np.random.default_rng(0)
     points = cloud(list(rng.random(5000) * 1e-3), list(rng.random(5000)))
     path = recording(table, points) / "mps" / "slam" / "semidense_points.csv.gz"
@@ -158,7 +152,7 @@ def test_a_damaged_point_cloud_is_rejected(table: pd.DataFrame, recording: Recor
         poses_at(path.parents[2], [1_000_000])
 
 
-def test_a_real_trajectory_equals_the_official_readers(real_data: Callable[[str], Path]):
+def test_a_real_trajectory_equals_the_official_readers(real_data):
     path = real_data("adt_sample") / "aria_trajectory.csv"
     official = mps.read_closed_loop_trajectory(str(path))
     ours = read_trajectory(path)
@@ -169,7 +163,7 @@ def test_a_real_trajectory_equals_the_official_readers(real_data: Callable[[str]
     assert ours.timestamp_ns.tolist() == times
 
 
-def test_poses_of_real_frames_are_upright_and_move_little(real_data: Callable[[str], Path]):
+def test_poses_of_real_frames_are_upright_and_move_little(real_data):
     folder = real_data("adt_sample")
     provider = data_provider.create_vrs_data_provider(str(folder / "video.vrs"))
     sensor = provider.get_device_calibration().get_transform_device_sensor("camera-rgb").to_matrix()
@@ -186,9 +180,7 @@ def test_poses_of_real_frames_are_upright_and_move_little(real_data: Callable[[s
         adt_poses(folder, times, sensor, CAMERA, PosesOptions(trajectory="closed_loop"))
 
 
-def test_frames_that_are_not_upright_are_reported(
-    table: pd.DataFrame, recording: Recording, capsys: pytest.CaptureFixture[str]
-):
+def test_frames_that_are_not_upright_are_reported(table, recording, capsys):
     folder, time = recording(table), np.array([1_000_000_000], dtype=np.int64)
     for turn_deg, told in ((180.0, False), (90.0, True), (0.0, True)):
         # The device's y axis points up, as does -y of a camera rotated by 180 degrees about z.

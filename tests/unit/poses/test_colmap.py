@@ -1,7 +1,6 @@
 """COLMAP on rendered images with known poses, on unusable images, and on real photographs."""
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -52,16 +51,16 @@ def noise(*seeds: int) -> Images:
 
 
 @pytest.fixture(scope="session")
-def true_poses(room: Any) -> NDArray[np.float64]:
+def true_poses(room):
     return room.walk(10)
 
 
 @pytest.fixture(scope="module")
-def estimated(walk_images: Images) -> Poses:
+def estimated(walk_images):
     return reconstruct(walk_images)
 
 
-def test_colmap_recovers_the_true_trajectory(estimated: Poses, true_poses: NDArray[np.float64]):
+def test_colmap_recovers_the_true_trajectory(estimated, true_poses):
     assert estimated.registered.all()
     error = trajectory_error(estimated.camera_to_world, true_poses)
     assert error["ate_rmse_m"] < 0.005  # on a path 2 m long
@@ -71,9 +70,7 @@ def test_colmap_recovers_the_true_trajectory(estimated: Poses, true_poses: NDArr
     assert estimated.camera == CAMERA
 
 
-def test_points_lie_on_the_planes_of_the_room_in_their_colors(
-    estimated: Poses, true_poses: NDArray[np.float64]
-):
+def test_points_lie_on_the_planes_of_the_room_in_their_colors(estimated, true_poses):
     error = trajectory_error(estimated.camera_to_world, true_poses)
     # Moved into the first camera's axes, the estimated scene is the true one up to its scale.
     first, true_first = estimated.camera_to_world[0], true_poses[0]
@@ -88,7 +85,7 @@ def test_points_lie_on_the_planes_of_the_room_in_their_colors(
     assert np.ptp(estimated.point_rgb.astype(int), axis=0).min() > 100
 
 
-def test_results_do_not_depend_on_the_number_of_threads(walk_images: Images, estimated: Poses):
+def test_results_do_not_depend_on_the_number_of_threads(walk_images, estimated):
     again = reconstruct(walk_images, threads=1)
     np.testing.assert_array_equal(again.camera_to_world, estimated.camera_to_world)
     np.testing.assert_array_equal(again.points, estimated.points)
@@ -96,7 +93,7 @@ def test_results_do_not_depend_on_the_number_of_threads(walk_images: Images, est
     assert again.notes == estimated.notes
 
 
-def test_a_guessed_focal_length_is_refined(walk_images: Images, true_poses: NDArray[np.float64]):
+def test_a_guessed_focal_length_is_refined(walk_images, true_poses):
     poses = reconstruct(walk_images, GUESS, known=False)
     assert poses.registered.all()
     assert poses.camera.fx == pytest.approx(CAMERA.fx, rel=0.01)
@@ -106,7 +103,7 @@ def test_a_guessed_focal_length_is_refined(walk_images: Images, true_poses: NDAr
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_guessed_camera_is_marked_as_a_guess(walk_images: Images, tmp_path: Path, known: bool):
+def test_a_guessed_camera_is_marked_as_a_guess(walk_images, tmp_path, known):
     params = [260.0, 261.0, 120.0, 90.0]
     given = pycolmap.Camera(model="PINHOLE", width=240, height=180, params=params)
     given.has_prior_focal_length = known
@@ -118,9 +115,7 @@ def test_a_guessed_camera_is_marked_as_a_guess(walk_images: Images, tmp_path: Pa
     assert camera.has_prior_focal_length == known and camera.params.tolist() == params
 
 
-def test_unrelated_frames_are_left_out_and_reported(
-    walk_images: Images, estimated: Poses, true_poses: NDArray[np.float64]
-):
+def test_unrelated_frames_are_left_out_and_reported(walk_images, estimated, true_poses):
     blank = np.full_like(walk_images[0], 90)
     poses = reconstruct([*noise(1), *walk_images[:5], blank, *walk_images[5:], *noise(2)])
     assert np.flatnonzero(~poses.registered).tolist() == [0, 6, 12]
@@ -129,7 +124,7 @@ def test_unrelated_frames_are_left_out_and_reported(
     assert trajectory_error(poses.camera_to_world[poses.registered], true_poses)["ate_rmse_m"] < 0.005
 
 
-def test_a_model_with_too_few_images_is_rejected_with_what_to_do(walk_images: Images):
+def test_a_model_with_too_few_images_is_rejected_with_what_to_do(walk_images):
     with pytest.raises(UserError, match="10 of 13 .*poses.min_registered .*80%") as caught:
         reconstruct([*walk_images, *noise(0, 1, 2)], min_registered=0.8)
     problem, advice = str(caught.value).splitlines()
@@ -139,8 +134,7 @@ def test_a_model_with_too_few_images_is_rejected_with_what_to_do(walk_images: Im
     assert "frames.resolution" not in large and "poses.matching=exhaustive" in large
 
 
-def test_two_places_without_a_common_view_give_the_larger_one(room: Any, capsys: pytest.CaptureFixture[str]):
-    """Two walks in different rooms: one world is used, and the other is named with the reason."""
+def test_two_places_without_a_common_view_give_the_larger_one(room, capsys):
     other = type(room)()
     other.textures = [np.ascontiguousarray(255 - one[:, ::-1]) for one in room.textures]
     images = [*room.images(room.walk(9)), *other.images(other.walk(7))]
@@ -153,31 +147,26 @@ def test_two_places_without_a_common_view_give_the_larger_one(room: Any, capsys:
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_a_rotating_camera_is_rejected(room: Any, known: bool):
+def test_a_rotating_camera_is_rejected(room, known):
     # With this guess COLMAP builds models of up to four images with one or two points.
     camera = CAMERA if known else Camera(240, 180, 240.0, 240.0, 120.0, 90.0)
     with pytest.raises(UserError, match="parallax"):
         reconstruct(room.images(room.pan(10)), camera, known)
 
 
-def test_blank_images_are_rejected_with_their_number_of_features(walk_images: Images):
+def test_blank_images_are_rejected_with_their_number_of_features(walk_images):
     blank = np.full_like(walk_images[0], 90)
     with pytest.raises(UserError, match=r"2 of 6 .*50 features .*median 0, maximum \d{3,}"):
         reconstruct([*walk_images[:2], *[blank] * 4])
 
 
 @pytest.mark.parametrize("count", [0, 2])
-def test_too_few_images_are_rejected(walk_images: Images, count: int):
+def test_too_few_images_are_rejected(walk_images, count):
     with pytest.raises(UserError, match=f"3 .*not {count}"):
         reconstruct(walk_images[:count])
 
 
-def test_colmap_leaves_no_temporary_files(
-    walk_images: Images,
-    tmp_path: Path,
-    capfd: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-):
+def test_colmap_leaves_no_temporary_files(walk_images, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     reconstruct(walk_images[3:7])
     with pytest.raises(UserError):
@@ -202,9 +191,7 @@ def frames_of(pairs: list[tuple[str, str]]) -> set[tuple[int, int]]:
     return {(int(first[:6]), int(second[:6])) for first, second in pairs}
 
 
-def test_frames_are_matched_with_neighbors_and_places_seen_again(
-    room: Any, walk_images: Images, tmp_path: Path
-):
+def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_images, tmp_path):
     back = room.walk(10)[::-1].copy()
     back[:, 2, 3] -= 0.05
     project = features_of([*walk_images, *room.images(back)], tmp_path)
@@ -242,7 +229,7 @@ def test_points_are_filtered_by_track_length_and_error():
     assert notes == {"points": 2, "points_read": 5, "points_rejected": rejected}
 
 
-def test_real_photographs_are_all_registered_and_their_camera_is_found(real_data: Callable[[str], Path]):
+def test_real_photographs_are_all_registered_and_their_camera_is_found(real_data):
     paths = sorted(real_data("tum_fr3_office").glob("*.png"))
     images = [cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB) for path in paths]
     poses = reconstruct(images, Camera(640, 480, 600.0, 600.0, 320.0, 240.0), known=False)
@@ -252,8 +239,7 @@ def test_real_photographs_are_all_registered_and_their_camera_is_found(real_data
     assert len(poses.points) > 1000
 
 
-def test_no_feature_lies_where_an_image_s_own_mask_leaves_pixels_out(walk_images: Images, tmp_path: Path):
-    """The mask of each image hides the top, and another half."""
+def test_no_feature_lies_where_an_image_s_own_mask_leaves_pixels_out(walk_images, tmp_path):
     shown = np.stack([EVERYWHERE] * 3)
     shown[:, :30], shown[1, :, :120], shown[2, :, 120:] = False, False, False
     project = features_of(walk_images[:3], tmp_path, shown)

@@ -40,7 +40,6 @@ def model_of(k1: float, k2: float, seed: int, noise: float = 0.5) -> pycolmap.Re
     "k1, k2", [(0.5, 0.0), (-1.0, 1.0), (0.5, -8.0)], ids=["pincushion", "barrel", "both"]
 )
 def test_a_lens_with_distortion_is_found(k1, k2, capfd):
-    """A phone's or an action camera's lens; COLMAP's own lines do not bury the verdict."""
     lens, evidence = compare(model_of(k1, k2, seed=0))
     assert capfd.readouterr() == ("", "")
     assert (
@@ -54,14 +53,12 @@ def test_a_lens_with_distortion_is_found(k1, k2, capfd):
 
 
 def test_a_pinhole_camera_is_left_alone():
-    """More parameters always fit better; that alone must not bend pictures."""
     found = [compare(model_of(0.0, 0.0, seed))[1] for seed in range(10)]
     assert not any(one["distorted"] for one in found)
     assert all(one["radial_px"] <= one["pinhole_px"] + 1e-6 for one in found)
 
 
 def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
-    """A long recording costs no more than a short one, and neighbors are the last resort."""
     chosen = list(choices(1000))
     assert [(len(one), int(np.diff(one)[0])) for one in chosen] == [(30, 34), (30, 4), (30, 1)]
     assert all(0 <= one.min() and one.max() < 1000 for one in chosen)
@@ -70,7 +67,6 @@ def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
 
 
 def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
-    """From pixels to the lens: features, matches, models, comparison."""
     camera = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
     lens = Lens("RADIAL", 240, 180, (210.0, 120.0, 90.0, -0.15, 0.0))
     columns, rows = np.meshgrid(np.arange(240) + 0.5, np.arange(180) + 0.5)
@@ -89,7 +85,6 @@ def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
 
 
 def test_frames_without_a_model_are_taken_as_pinhole_pictures(capsys):
-    """No lens is invented: the log says why, and a wanted lens is an error."""
     camera = Camera(64, 48, 77.0, 77.0, 32.0, 24.0)
     blank = [np.full((48, 64, 3), 90, np.uint8)] * 4
     given = (lambda frames: (blank[i] for i in frames), 4, np.ones((48, 64), bool), camera)

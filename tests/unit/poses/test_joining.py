@@ -12,7 +12,7 @@ TURNED = pycolmap.Sim3d(
 
 
 @pytest.fixture(scope="module")
-def whole() -> pycolmap.Reconstruction:
+def whole():
     """Twelve images of a hundred points, located to 0.3 px."""
     pycolmap.set_random_seed(1)
     options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_frames_per_rig=12, num_points3D=100)
@@ -36,7 +36,6 @@ def centers(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
 
 
 def test_models_with_shared_frames_are_joined(whole):
-    """Each in its own world: afterwards one world, in which every camera is where it was."""
     second = part(whole, 6, 12)
     second.transform(TURNED)
     model, parts, left = join_models([second, part(whole, 1, 8)], camera_known=True)
@@ -50,7 +49,6 @@ def test_models_with_shared_frames_are_joined(whole):
 
 
 def test_a_chain_of_models_is_joined_whatever_its_order(whole):
-    """The last one fits only after the middle one is joined."""
     models = [part(whole, 1, 6), part(whole, 8, 12), part(whole, 4, 10)]
     models[1].transform(TURNED)
     model, parts, _ = join_models(models, camera_known=True)
@@ -58,7 +56,6 @@ def test_a_chain_of_models_is_joined_whatever_its_order(whole):
 
 
 def test_models_that_share_too_little_are_left_out_with_the_reason(whole):
-    """Two shared frames fix no similarity."""
     model, parts, left = join_models([part(whole, 1, 7), part(whole, 6, 12)], camera_known=True)
     assert parts == 1 and model.num_reg_images() == 7
     ((other, reason),) = left
@@ -66,7 +63,6 @@ def test_models_that_share_too_little_are_left_out_with_the_reason(whole):
 
 
 def test_models_that_do_not_fit_are_not_joined(whole):
-    """A model whose shared frames see the scene differently would bend the other."""
     second = part(whole, 6, 12)
     rng = np.random.default_rng(0)
     for point in second.points3D.values():

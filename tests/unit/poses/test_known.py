@@ -28,7 +28,7 @@ def options(kind: type, section: str, **changes: object) -> object:
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Path:
+def recording(tmp_path):
     """Six pictures, and a COLMAP model of five of them and of one that is not there."""
     (folder := tmp_path / "pictures").mkdir()
     for number in range(6):
@@ -50,8 +50,7 @@ def run(recording: Path, frames: dict[str, object], **poses: object) -> tuple[Ar
     return open_artifact(made, FRAMES), open_artifact(written, POSES)
 
 
-def test_a_model_calibrates_the_frames_and_gives_their_poses(recording: Path, capsys: pytest.CaptureFixture):
-    """The way of a user's model through both stages: camera, lens, poses, points, unit, log."""
+def test_a_model_calibrates_the_frames_and_gives_their_poses(recording, capsys):
     frames, poses = run(recording, {"stride": 2})
     assert frames.facts["pictures"] == ["0.png", "2.png", "4.png"] and frames.facts["known_poses"] == "colmap"
     assert frames.facts["lenses"][0]["model"] == "RADIAL" and frames.facts["camera_known"]
@@ -70,8 +69,7 @@ def test_a_model_calibrates_the_frames_and_gives_their_poses(recording: Path, ca
     assert "ignores 1 name without a picture: gone.png" in told and "a scene unit" in told
 
 
-def test_pictures_without_a_pose_are_told_and_left_out(recording: Path, capsys: pytest.CaptureFixture):
-    """A lost picture is no error by itself."""
+def test_pictures_without_a_pose_are_told_and_left_out(recording, capsys):
     _, poses = run(recording, {})
     assert poses.read("registered").tolist() == [True] * 5 + [False]
     assert np.isnan(poses.read("camera_to_world")[5]).all()
@@ -80,8 +78,7 @@ def test_pictures_without_a_pose_are_told_and_left_out(recording: Path, capsys: 
         run(recording, {}, min_registered=0.9)
 
 
-def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording: Path):
-    """Two formats of one reconstruction: the same frames and poses to rounding."""
+def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording):
     frames, poses = run(recording, {})
     first = frames.read("rgb"), poses.read("camera_to_world"), poses.read("intrinsics")
     model = pycolmap.Reconstruction(recording / "colmap")
@@ -101,7 +98,6 @@ def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording: Pat
 
 
 def test_a_still_camera_has_no_parallax():
-    """Poses of a tripod are valid, and no depth follows from them: an alarm says so."""
     points = np.array([[0.0, 0.0, 4.0], [1.0, 0.0, 5.0], [0.0, 1.0, 6.0]])
     moving, still = np.array([[0.0, 0, 0], [0.6, 0, 0]]), np.array([[0.0, 0, 0], [0.3, 0, 0]])
     assert find_parallax(moving, points) > TABLE["poses.parallax"].limit > find_parallax(still, points) > 0
@@ -109,16 +105,14 @@ def test_a_still_camera_has_no_parallax():
     assert find_parallax(still * 0, points * 0) == 0
 
 
-def test_keys_that_do_not_fit_are_named(recording: Path):
-    """A key without effect is an error, not a surprise."""
+def test_keys_that_do_not_fit_are_named(recording):
     with pytest.raises(UserError, match="poses.method = known: pictures has neither colmap nor transforms"):
         run(recording, {"known_poses": "none"}, method="known")
     with pytest.raises(UserError, match="poses.meters_per_unit"):
         run(recording, {"known_poses": "none"}, meters_per_unit=1.0)
 
 
-def test_a_model_that_changed_after_the_frames_is_refused(recording: Path):
-    """Frames of one calibration and poses of another would not fit."""
+def test_a_model_that_changed_after_the_frames_is_refused(recording):
     run(recording, {})
     model = pycolmap.Reconstruction(recording / "colmap")
     (camera,) = model.cameras.values()

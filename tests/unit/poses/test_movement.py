@@ -1,6 +1,5 @@
 """A camera that stands still is told from one that moves, before COLMAP starts."""
 
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -44,9 +43,7 @@ def covered(images: Images) -> Images:
 
 
 @pytest.mark.parametrize("change", [list, covered])
-def test_a_tripod_before_which_something_moves_is_told(
-    walk_images: Images, tmp_path: Path, change: Callable[[Images], Images]
-):
+def test_a_tripod_before_which_something_moves_is_told(walk_images, tmp_path, change):
     with pytest.raises(UserError, match=r"stands still: \d+% .* pairs of frames.*\n.*frames.start_s"):
         check(change(tripod(walk_images[0])), tmp_path)
 
@@ -70,14 +67,12 @@ def blank(images: Images) -> Images:
 
 
 @pytest.mark.parametrize("change", [list, lettered, late, blank])
-def test_a_camera_that_moves_somewhere_is_not_rejected(
-    walk_images: Images, tmp_path: Path, change: Callable[[Images], Images]
-):
+def test_a_camera_that_moves_somewhere_is_not_rejected(walk_images, tmp_path, change):
     check(change(walk_images), tmp_path)
 
 
 def test_what_stays_where_each_picture_leaves_pixels_out_does_not_make_the_camera_stand_still(
-    walk_images: Images, tmp_path: Path
+    walk_images, tmp_path
 ):
     """Half of each picture shows the same thing, as on a helmet; masks of the pictures hide it."""
     images = [image.copy() for image in walk_images]

@@ -53,7 +53,7 @@ def trained(truth):
 
 
 @pytest.fixture
-def filmed(scene, trained, camera_to_world) -> Path:
+def filmed(scene, trained, camera_to_world):
     """A folder with frames and poses of the recording that it was trained on."""
     return scene(rgb=photographs(trained, camera_to_world))
 
@@ -196,7 +196,6 @@ def test_the_content_of_the_file_is_recorded(filmed, trained, tmp_path):
 
 @pytest.mark.parametrize("make", ["ply", "spz"])
 def test_an_export_comes_back(filmed, trained, tmp_path, make):
-    """PSNR of the pictures that the scene was rendered to: as far as bytes go for .ply."""
     path = tmp_path / f"scene.{make}"
     if make == "ply":
         write_ply(path, geometry_columns(trained), "synthetic")

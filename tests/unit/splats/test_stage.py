@@ -81,7 +81,6 @@ def test_masking_auto_needs_the_survey(scene):
 
 @pytest.mark.parametrize("hides", [True, False])
 def test_masks_that_leave_no_pixel_are_named(scene, pictures, hides):
-    """Those of the recording, or those that ``splats.masking`` chooses."""
     folder = scene(masked=np.full(pictures.shape[:3], hides))
     put(folder, "masks", {"refined": np.ones(pictures.shape[:3], bool)}, made_from=["frames"])
     named = "frames.zarr: .*dynamic_mask_" if hides else "^splats.masking leaves no pixel.*masks.threshold"
