@@ -1,26 +1,31 @@
 """Known poses are read as they are, and a damaged or unfit file is named with what is wrong."""
 
+import re
 import shutil
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
+import trimesh
 
 from egosplat.calibration.files import known_pose_files
 from egosplat.calibration.known_poses import check_numbers, find_known_poses, match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
+from tests.unit.calibration.conftest import HEIGHT, NAMES, WIDTH
 
-WIDTH, HEIGHT = 64, 48
 SIZE = (WIDTH, HEIGHT)
+FILES = ("cameras", "images", "points3D")
 
 
-def true_pose(model: pycolmap.Reconstruction, name: str) -> np.ndarray:
-    (image,) = [one for one in model.images.values() if one.name == name]
-    pose = np.eye(4)
-    pose[:3] = image.cam_from_world().inverse().matrix()
-    return pose
+def check_poses(contents, model):
+    """Each picture's pose is the model's, to rounding."""
+    assert sorted(map(Path, contents.names)) == sorted(
+        Path(contents.names[0]).parent / name for name in NAMES
+    )
+    true = {image.name: image.cam_from_world().inverse().matrix() for image in model.images.values()}
+    for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
+        np.testing.assert_allclose(pose, [*true[Path(name).name], [0, 0, 0, 1]], atol=1e-12)
 
 
 @pytest.mark.parametrize("folder", ["colmap_folder", "text_folder"])
@@ -28,9 +33,7 @@ def test_a_colmap_model_is_read_as_it_is(pictures, model, folder, request):
     request.getfixturevalue(folder)
     contents = read_known_poses(pictures, "colmap", *SIZE)
     assert contents.lenses == [Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))]
-    assert sorted(contents.names) == [f"{number}.png" for number in range(1, 7)]
-    for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
-        np.testing.assert_allclose(pose, true_pose(model, name), atol=1e-12)
+    check_poses(contents, model)
     assert contents.points.shape == (30, 3) and contents.point_views.min() >= 2
 
 
@@ -38,27 +41,19 @@ def test_a_transforms_file_is_turned_from_opengl(pictures, model, transforms):
     transforms(applied_transform=[[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0]], applied_scale=0.5)
     contents = read_known_poses(pictures, "transforms", *SIZE)
     assert contents.lenses == [Lens("OPENCV", WIDTH, HEIGHT, (60.0, 60.0, 31.0, 25.0, 0.05, -0.01, 0.0, 0.0))]
-    for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
-        np.testing.assert_allclose(pose, true_pose(model, Path(name).name), atol=1e-12)
+    check_poses(contents, model)
     assert contents.notes["applied_scale"] == 0.5 and len(contents.notes["applied_transform"]) == 3
 
 
 @pytest.mark.parametrize("binary", [True, False])
 def test_points_of_a_transforms_file(pictures, transforms, binary):
-    table = np.array(
-        [(1.0, 2.0, 3.0, 9, 8, 7), (-1.0, 0.5, 0.0, 255, 0, 1)],
-        dtype=[*((axis, "<f4") for axis in "xyz"), *((name, "u1") for name in ("red", "green", "blue"))],
-    )
-    kind = "binary_little_endian" if binary else "ascii"
-    lines = ["ply", f"format {kind} 1.0", "element vertex 2", *(f"property float {axis}" for axis in "xyz")]
-    lines += [*(f"property uchar {name}" for name in ("red", "green", "blue")), "end_header", ""]
-    rows = "\n".join(" ".join(map(str, row)) for row in table.tolist())
-    body = table.tobytes() if binary else rows.encode()
-    (pictures / "cloud.ply").write_bytes("\n".join(lines).encode() + body)
+    xyz, rgb = np.array([[1, 2, 3], [-1, 0.5, 0]]), np.array([[9, 8, 7], [255, 0, 1]], np.uint8)
+    encoding = "binary" if binary else "ascii"
+    trimesh.PointCloud(xyz, rgb).export(pictures / "cloud.ply", encoding=encoding)
     transforms(ply_file_path="cloud.ply")
     contents = read_known_poses(pictures, "transforms", *SIZE)
-    np.testing.assert_array_equal(contents.points, [[1, 2, 3], [-1, 0.5, 0]])
-    np.testing.assert_array_equal(contents.point_rgb, [[9, 8, 7], [255, 0, 1]])
+    np.testing.assert_array_equal(contents.points, xyz)
+    np.testing.assert_array_equal(contents.point_rgb, rgb)
     (pictures / "cloud.ply").write_bytes((pictures / "cloud.ply").read_bytes()[:-6])
     with pytest.raises(UserError, match="cloud.ply: not a readable PLY"):
         read_known_poses(pictures, "transforms", *SIZE)
@@ -79,7 +74,7 @@ def test_the_format_is_found_or_named(pictures, colmap_folder, transforms):
     assert find_known_poses(pictures, "auto") is None
 
 
-@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
+@pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("keep", [0, 4, 20, -10])
 def test_a_cut_binary_file_is_named(pictures, colmap_folder, name, keep):
     """COLMAP itself hangs, or reads values that are not there."""
@@ -89,11 +84,28 @@ def test_a_cut_binary_file_is_named(pictures, colmap_folder, name, keep):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
-@pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
-@pytest.mark.parametrize("content", [b"hello world\n", b"\xff\x00\xfe" * 50])
-def test_a_text_file_of_something_else_is_named(pictures, text_folder, name, content):
-    (text_folder / f"{name}.txt").write_bytes(content)
-    with pytest.raises(UserError, match="colmap: not a readable COLMAP model") as caught:
+POSE_OF_3 = r"(?<= )\S+ \S+ \S+ \S+ \S+ \S+ \S+(?= \d+ 3.png)"
+NOT_RIGID = "3.png: the pose|not a readable COLMAP model"
+BAD_MODELS = [
+    *(
+        (name, ".*", text, "not a readable")
+        for name in FILES
+        for text in ("hello world\n", "\xff\x00\xfe" * 50)
+    ),
+    ("cameras", ".*", f"1 FOV {WIDTH} {HEIGHT} 60 60 31 25 0.9\n", "1.png: .*model FOV .*OPENCV_FISHEYE"),
+    ("images", "3.png", "3 a.png", "images.txt: 3 a.png: no spaces in names"),
+    ("images", POSE_OF_3, "1 0 0 0 1e999 2 3", NOT_RIGID),
+    ("images", POSE_OF_3, "1 0 0 0 nan 2 3", NOT_RIGID),
+    ("images", POSE_OF_3, "1 1 0 0 1 2 3", NOT_RIGID),
+    ("images", POSE_OF_3, "0 0 0 0 1 2 3", NOT_RIGID),
+]
+
+
+@pytest.mark.parametrize("name, old, new, problem", BAD_MODELS)
+def test_a_bad_text_model_is_named(pictures, text_folder, name, old, new, problem):
+    path = text_folder / f"{name}.txt"
+    path.write_text(re.sub(old, new, path.read_text(), count=1, flags=re.DOTALL), encoding="latin-1")
+    with pytest.raises(UserError, match=f"colmap[:/] ?({problem})") as caught:
         read_known_poses(pictures, "colmap", *SIZE)
     assert "/tmp/egosplat-model" not in str(caught.value)
 
@@ -104,47 +116,16 @@ def test_a_folder_without_a_model_is_named(pictures, colmap_folder):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
-def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, model, text_folder):
-    other = pycolmap.Camera(model="RADIAL", width=WIDTH, height=HEIGHT, params=[61.0, 31.0, 25.0, 0.0, 0.0])
-    other.camera_id = 2
-    model.add_camera_with_trivial_rig(other)
-    model.write_text(text_folder)
+def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, text_folder):
     for name in ("rigs.txt", "frames.txt"):
         (text_folder / name).unlink()
+    with (text_folder / "cameras.txt").open("a") as cameras:
+        cameras.write(f"2 RADIAL {WIDTH} {HEIGHT} 61 31 25 0 0\n")
     text = (text_folder / "images.txt").read_text().replace(" 1 3.png", " 2 3.png")
     (text_folder / "images.txt").write_text(text)
     contents = read_known_poses(pictures, "colmap", *SIZE)
-    focal = {
-        name: contents.lenses[index].params[0]
-        for name, index in zip(contents.names, contents.lens_of, strict=True)
-    }
-    assert focal == {name: 61.0 if name == "3.png" else 60.0 for name in contents.names}
-
-
-def test_an_unsupported_model_of_colmap_is_named(pictures, text_folder):
-    (text_folder / "cameras.txt").write_text(f"1 FOV {WIDTH} {HEIGHT} 60 60 31 25 0.9\n")
-    with pytest.raises(UserError, match="colmap: 1.png: camera model FOV is not supported.*OPENCV_FISHEYE"):
-        read_known_poses(pictures, "colmap", *SIZE)
-
-
-def test_a_name_with_a_space_is_named(pictures, text_folder):
-    path = text_folder / "images.txt"
-    path.write_text(path.read_text().replace("3.png", "3 a.png"))
-    with pytest.raises(UserError, match="images.txt: 3 a.png: no spaces in names"):
-        read_known_poses(pictures, "colmap", *SIZE)
-
-
-@pytest.mark.parametrize(
-    "numbers", ["1 0 0 0 1e999 2 3", "1 0 0 0 nan 2 3", "1 1 0 0 1 2 3", "0 0 0 0 1 2 3"]
-)
-def test_a_pose_that_is_no_rotation_is_named(pictures, text_folder, numbers):
-    lines = (text_folder / "images.txt").read_text().splitlines()
-    at = next(index for index, line in enumerate(lines) if line.endswith("3.png"))
-    words = lines[at].split()
-    lines[at] = " ".join([words[0], numbers, *words[8:]])
-    (text_folder / "images.txt").write_text("\n".join(lines) + "\n")
-    with pytest.raises(UserError, match="colmap: (3.png: the pose|not a readable COLMAP model)"):
-        read_known_poses(pictures, "colmap", *SIZE)
+    focal = [contents.lenses[index].params[0] for index in contents.lens_of]
+    assert dict(zip(contents.names, focal, strict=True)) == dict.fromkeys(NAMES, 60.0) | {"3.png": 61.0}
 
 
 def frame(**changes: object) -> list[dict[str, object]]:
@@ -266,41 +247,30 @@ def test_numbers_beyond_a_video_are_named(tmp_path):
 
 def entries(count, **changes):
     """Frames along a line, 0.3 apart."""
-    poses = [np.eye(4) for _ in range(count)]
-    for index, pose in enumerate(poses):
-        pose[0, 3] = 0.3 * index
-    return [
-        {"file_path": f"{i}.png", "transform_matrix": pose.tolist()} | changes for i, pose in enumerate(poses)
-    ]
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    poses[:, 0, 3] = 0.3 * np.arange(count)
+    return [{"file_path": f"{i}.png", "transform_matrix": poses[i].tolist()} | changes for i in range(count)]
+
+
+FEW, FOUR, FISH = (0.1, -0.02, 0.01, 0.02), (0.01, 0.02, 0.03, 0.04), "OPENCV_FISHEYE"
 
 
 @pytest.mark.parametrize("per_frame", [False, True])
 @pytest.mark.parametrize(
     "camera, kind, params",
     [
-        ({"distortion_params": [0.1, -0.02, 0.0, 0, 0.01, 0.02]}, "OPENCV", (0.1, -0.02, 0.01, 0.02)),
-        (
-            {"distortion_params": [0.1, -0.02, 0.3, 0, 0.01, 0.02]},
-            "FULL_OPENCV",
-            (0.1, -0.02, 0.01, 0.02, 0.3, 0, 0, 0),
-        ),
-        (
-            {"camera_model": "OPENCV_FISHEYE", "distortion_params": [0.01, 0.02, 0.03, 0.04, 0, 0]},
-            "OPENCV_FISHEYE",
-            (0.01, 0.02, 0.03, 0.04),
-        ),
+        ({"distortion_params": [0.1, -0.02, 0.0, 0, 0.01, 0.02]}, "OPENCV", FEW),
+        ({"distortion_params": [0.1, -0.02, 0.3, 0, 0.01, 0.02]}, "FULL_OPENCV", (*FEW, 0.3, 0, 0, 0)),
+        ({"camera_model": FISH, "distortion_params": [0.01, 0.02, 0.03, 0.04, 0, 0]}, FISH, FOUR),
         ({"x_fov": 90.0}, "OPENCV", (0.0,) * 4),
     ],
 )
 def test_distortion_of_all_frames_or_of_each(pictures, transforms, per_frame, camera, kind, params):
     """nerfstudio's list, whose order is k1 to k4, p1, p2; fields of view in degrees are instant-ngp's."""
     intrinsics = {"fl_x": 32.0, "cx": 32.0, "cy": 24.0} if "x_fov" not in camera else {}
-    frames, top = (
-        entries(2, **(camera | intrinsics if per_frame else {})),
-        {} if per_frame else camera | intrinsics,
-    )
+    own, whole = (camera | intrinsics, {}) if per_frame else ({}, camera | intrinsics)
     nothing = dict.fromkeys(("camera_model", "fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2"))
-    transforms(**nothing | top, frames=frames)
+    transforms(**nothing | whole, frames=entries(2, **own))
     (lens,) = read_known_poses(pictures, "transforms", *SIZE).lenses
     assert (lens.model, lens.params) == (kind, pytest.approx((32.0, 32.0, 32.0, 24.0, *params)))
 

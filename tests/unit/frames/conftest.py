@@ -11,6 +11,10 @@ from numpy.typing import NDArray
 from projectaria_tools.core.calibration import CameraCalibration, CameraModelType
 from projectaria_tools.core.sophus import SE3
 
+from egosplat.frames.adt import open_recording
+from egosplat.frames.options import FramesOptions
+from egosplat.frames.recording import Recording
+
 FISHEYE624 = [
     610.941, 715.115, 716.715,
     0.406036, -0.489948, 0.174565, 1.13298, -1.70164, 0.651156,
@@ -67,6 +71,12 @@ def video(tmp_path: Path) -> Callable[..., Path]:
 def sample(real_data: Callable[[str], Path]) -> Path:
     """A real Aria Digital Twin recording of three frames."""
     return real_data("adt_sample")
+
+
+@pytest.fixture(scope="session")
+def full_size(sample: Path) -> Recording:
+    """It, in the size of its pictures."""
+    return open_recording(sample, FramesOptions(resolution=1408, focal=460.0, upright=True))
 
 
 @pytest.fixture

@@ -22,11 +22,6 @@ def rgb_calibration(sample):
     return open_video(sample).get_device_calibration().get_camera_calib(RGB_LABEL)
 
 
-@pytest.fixture(scope="module")
-def full_size(sample):
-    return open_recording(sample, OPTIONS.change(resolution=1408))
-
-
 def poses(table, translation, rotation):
     return make_pose(
         Rotation.from_quat(table[rotation].to_numpy()).as_matrix(), table[translation].to_numpy()

@@ -1,5 +1,6 @@
-"""The frames of a real Aria Digital Twin recording of three frames, whole and damaged."""
+"""A real Aria Digital Twin recording of three frames, of which two are annotated, whole and damaged."""
 
+import json
 import shutil
 
 import numpy as np
@@ -17,30 +18,31 @@ from tests.support.recordings import opened
 
 OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
 CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
+ANNOTATION_NS = [87551170910000, 87551204237999]
 
 
-@pytest.fixture(scope="module")
-def full_size(sample):
-    return open_recording(sample, OPTIONS.change(resolution=1408))
-
-
-def open_and_read(folder, **options):
-    recording = open_recording(folder, OPTIONS.change(**options))
+def open_and_read(folder):
+    recording = open_recording(folder, OPTIONS)
     return list(recording.read_frames(np.arange(len(recording.timestamp_ns))))
 
 
+def first_map(folder):
+    """The annotations, and the instance map of the first frame."""
+    reader = open_annotations("adt", folder, AnnotationKeys(pinhole(352, 460.0)))
+    return reader, reader and reader.instance_map(CAPTURE_NS[0])
+
+
 def test_the_sample_has_three_color_frames_in_the_lens_circle(full_size):
-    capture = full_size
-    assert capture.timestamp_ns.tolist() == CAPTURE_NS
-    assert (capture.exposure_middle_ns - capture.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
-    assert capture.origin == "real" and capture.camera_known
-    assert capture.camera == pinhole(1408, 460.0)
-    assert 0.74 < capture.valid.mean() < 0.76
+    assert full_size.timestamp_ns.tolist() == CAPTURE_NS
+    assert (full_size.exposure_middle_ns - full_size.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
+    assert full_size.origin == "real" and full_size.camera_known
+    assert full_size.camera == pinhole(1408, 460.0)
+    assert 0.74 < full_size.valid.mean() < 0.76
     frames = list(full_size.read_frames(np.arange(3)))
     assert [(image.shape, image.dtype.name) for image in frames] == [((1408, 1408, 3), "uint8")] * 3
     for image in frames:
-        assert (image[~capture.valid] == 0).all()
-        assert 40 < image[capture.valid].mean() < 120
+        assert (image[~full_size.valid] == 0).all()
+        assert 40 < image[full_size.valid].mean() < 120
     # 33 ms apart, the same room: neighbors differ, but less than a image and its mirror image.
     change = np.abs(frames[0].astype(int) - frames[1]).mean()
     assert 0 < change < 0.3 * np.abs(frames[0].astype(int) - frames[0][:, ::-1]).mean()
@@ -51,14 +53,13 @@ def test_a_recording_of_arias_own_tools_has_another_name(copy):
     before = open_and_read(copy)
     (copy / "video.vrs").rename(copy / "recording.vrs")
     (copy / "metadata.json").unlink()
-    assert all(np.array_equal(one, other) for one, other in zip(before, open_and_read(copy), strict=True))
+    assert np.array_equal(before, open_and_read(copy))
     assert [path.name for path in opened("frames", "adt", copy)] == ["recording.vrs"]
-    reader = open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
-    assert reader.instance_map(CAPTURE_NS[0]) is not None
+    assert first_map(copy)[1] is not None
     for path in copy.glob("segmentations*.vrs"):
         path.unlink()
     assert not is_annotated("adt", copy) and is_annotated("adt", copy / "not rendered yet")
-    assert open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0))) is None
+    assert first_map(copy) == (None, None)
 
 
 def test_stride_and_range_select_frames(sample):
@@ -79,34 +80,28 @@ def test_origin_follows_the_metadata(copy):
         open_recording(copy, OPTIONS)
 
 
-@pytest.mark.parametrize("keep", [40, 1_000_000, 1_080_750, -1])
-def test_a_truncated_video_is_rejected(copy, keep):
-    content = (copy / "video.vrs").read_bytes()
-    (copy / "video.vrs").write_bytes(content[:keep])
-    with pytest.raises(UserError, match="video.vrs"):
-        open_recording(copy, OPTIONS)
+def write_inverted(path, start, end):
+    content = bytearray(path.read_bytes())
+    content[start:end] = bytes(byte ^ 0xFF for byte in content[start:end])
+    path.write_bytes(content)
 
 
-def test_another_vrs_file_is_rejected(copy):
-    shutil.copyfile(copy / "segmentations.vrs", copy / "video.vrs")
-    with pytest.raises(UserError, match="video.vrs.*RGB"):
-        open_recording(copy, OPTIONS)
+BAD_VIDEOS = {
+    **{
+        f"cut to {end}": (lambda path, end=end: path.write_bytes(path.read_bytes()[:end]), "")
+        for end in (40, 1_000_000, 1_080_750, -1)
+    },
+    "another": (lambda path: shutil.copyfile(path.with_name("segmentations.vrs"), path), ".*RGB"),
+    "damaged": (lambda path: write_inverted(path, 800_000, 801_000), ": RGB frame 1"),
+    "missing": (lambda path: path.unlink(), ""),
+}
 
 
-def test_a_damaged_frame_is_named(copy):
-    content = bytearray((copy / "video.vrs").read_bytes())
-    content[800_000:801_000] = bytes(byte ^ 0xFF for byte in content[800_000:801_000])
-    (copy / "video.vrs").write_bytes(content)
-    with pytest.raises(UserError, match="video.vrs: RGB frame 1"):
+@pytest.mark.parametrize("damage, problem", BAD_VIDEOS.values(), ids=BAD_VIDEOS)
+def test_a_bad_video_is_named(copy, damage, problem):
+    damage(copy / "video.vrs")
+    with pytest.raises(UserError, match=f"video.vrs{problem}"):
         open_and_read(copy)
-
-
-def test_missing_videos_are_named(copy):
-    (copy / "video.vrs").unlink()
-    with pytest.raises(UserError, match="video.vrs"):
-        open_recording(copy, OPTIONS)
-    with pytest.raises(UserError, match="nowhere"):
-        open_recording(copy / "nowhere", OPTIONS)
 
 
 def test_a_black_frame_is_named(sample, monkeypatch):
@@ -114,3 +109,88 @@ def test_a_black_frame_is_named(sample, monkeypatch):
     monkeypatch.setattr(adt, "read_checked", lambda *_: np.zeros((1408, 1408, 3), np.uint8))
     with pytest.raises(UserError, match="frame 2 .*black"):
         next(recording.read_frames(np.array([2])))
+
+
+@pytest.fixture(scope="module")
+def annotations(sample, full_size):
+    return open_annotations("adt", sample, AnnotationKeys(full_size.camera, True))
+
+
+def test_instances_are_read_with_their_categories(annotations):
+    instances = annotations.instances
+    assert len(instances) == 350
+    assert [sum(one.motion_type == kind for one in instances) for kind in ("static", "dynamic")] == [304, 46]
+    assert len({one.category for one in instances}) == 106
+    assert [one.name for one in instances if one.instance_type == "human"] == ["Skeleton_T"]
+    assert len({one.id for one in instances}) == 350
+
+
+def test_instance_maps_belong_to_their_frames_only(annotations, full_size):
+    maps = [annotations.instance_map(time) for time in CAPTURE_NS]
+    assert maps[2] is None
+    valid = full_size.valid
+    for one in maps[:2]:
+        assert one.shape == (1408, 1408) and one.dtype == np.int32
+        assert (one[~valid] == -1).all()
+        assert (one[valid] == -1).mean() < 1e-3
+        names = {annotations.instances[index].name for index in np.unique(one[one >= 0])}
+        assert 85 <= len(names) <= 92 and {"ApartmentEnv", "Skeleton_T"} <= names
+
+
+def test_a_segmentation_up_to_3_ms_older_or_newer_is_used(annotations):
+    for time, sign in zip(ANNOTATION_NS, (-1, 1), strict=True):
+        assert annotations.instance_map(time + sign * 3_000_000) is not None
+        assert annotations.instance_map(time + sign * 3_000_001) is None
+
+
+def test_without_the_people_segmentation_the_plain_one_is_read(copy, capfd):
+    (copy / "segmentations_with_skeleton.vrs").unlink()
+    reader, shown = first_map(copy)
+    assert "reading segmentations.vrs" in capfd.readouterr().err
+    present = {reader.instances[index].name for index in np.unique(shown) if index >= 0}
+    assert "Skeleton_T" not in present and "ApartmentEnv" in present
+    (copy / "segmentations.vrs").unlink()
+    assert first_map(copy) == (None, None)
+
+
+def test_an_id_that_no_instance_has_is_named(copy):
+    entries = json.loads((copy / "instances.json").read_text())
+    unlisted = next(key for key, entry in entries.items() if entry["instance_name"] == "ApartmentEnv")
+    del entries[unlisted]
+    (copy / "instances.json").write_text(json.dumps(entries))
+    with pytest.raises(UserError, match=f"{unlisted} .*instances.json"):
+        first_map(copy)
+
+
+FIELDS = ("instance_id", "instance_name", "category", "motion_type", "instance_type")
+ENTRY = dict(zip(FIELDS, (7, "a", "b", "static", "object"), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "JSON"),
+        ("[]", "no instances"),
+        (json.dumps({"7": {key: ENTRY[key] for key in ENTRY if key != "category"}}), "instance 7 lacks"),
+        (json.dumps({"7": ENTRY | {"motion_type": "moving"}}), "motion_type is 'moving'"),
+        (json.dumps({"7": ENTRY | {"instance_id": "seven"}}), "instance 7: instance_id"),
+        (json.dumps({"7": ENTRY, "8": ENTRY}), "instance_id 7 occurs twice"),
+    ],
+)
+def test_bad_instance_files_are_named(copy, content, message):
+    (copy / "instances.json").write_text(content)
+    with pytest.raises(UserError, match=f"instances.json: .*{message}"):
+        first_map(copy)
+
+
+def test_a_missing_truncated_or_damaged_annotation_file_is_named(copy):
+    segmentation = copy / "segmentations_with_skeleton.vrs"
+    write_inverted(segmentation, 60_000, 60_200)
+    with pytest.raises(UserError, match=segmentation.name):
+        first_map(copy)
+    segmentation.write_bytes(segmentation.read_bytes()[:100_000])
+    with pytest.raises(UserError, match=segmentation.name):
+        open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
+    (copy / "instances.json").unlink()
+    with pytest.raises(UserError, match="instances.json"):
+        first_map(copy)
