@@ -59,27 +59,22 @@ def boxes(sample):
 @pytest.mark.parametrize("upright", [False, True])
 def test_the_pinhole_camera_finds_the_instances_at_box_centers(sample, boxes, world_from_device, upright):
     recording = open_recording(sample, OPTIONS.change(resolution=1408, upright=upright))
-    capture = recording
-    reader = open_annotations("adt", sample, AnnotationKeys(capture.camera, upright))
+    reader = open_annotations("adt", sample, AnnotationKeys(recording.camera, upright))
     instance_map = reader.instance_map(ANNOTATION_NS[0])
     world = boxes[["x", "y", "z"]].to_numpy()
-    pixels = capture.camera.project(
-        transform(invert(world_from_device[0] @ capture.device_from_camera), world)
-    )
-    usable = capture.camera.contains(pixels)
+    camera_from_world = invert(world_from_device[0] @ recording.device_from_camera)
+    pixels = recording.camera.project(transform(camera_from_world, world))
+    usable = recording.camera.contains(pixels)
     u, v = np.floor(pixels[usable]).astype(int).T
     found = np.array([instance.id for instance in reader.instances] + [0])[instance_map[v, u]]
     # The same, from the fisheye image: whatever is in front of a box's center there is so here.
     calibration = rgb_calibration(sample)
-    camera_points = transform(
-        invert(world_from_device[0] @ calibration.get_transform_device_camera().to_matrix()), world
-    )
-    source = np.array(
-        [calibration.project_no_checks(point) + ARIA_PIXEL_OFFSET for point in camera_points[usable]]
-    )
-    u, v = np.floor(source).astype(int).clip(0, 1407).T
+    sensor_from_world = invert(world_from_device[0] @ calibration.get_transform_device_camera().to_matrix())
+    source = [calibration.project_no_checks(point) for point in transform(sensor_from_world, world[usable])]
+    u, v = np.floor(np.array(source) + ARIA_PIXEL_OFFSET).astype(int).clip(0, 1407).T
     assert usable.sum() >= 70
-    assert (raw_ids(sample)[v, u] == found)[found > 0].mean() > 0.95
+    raw = adt_provider(sample).get_segmentation_image_by_timestamp_ns(ANNOTATION_NS[0], RGB_STREAM).data()
+    assert (raw.to_numpy_array()[v, u] == found)[found > 0].mean() > 0.95
     assert (found == boxes.index.to_numpy()[usable]).mean() > 0.6
 
 
@@ -92,14 +87,9 @@ def adt_provider(sample):
         return AriaDigitalTwinDataProvider(paths)
 
 
-def raw_ids(sample):
-    data = adt_provider(sample).get_segmentation_image_by_timestamp_ns(ANNOTATION_NS[0], RGB_STREAM)
-    return data.data().to_numpy_array().copy()
-
-
 def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, world_from_device):
     """Without people: between the frames the wearer's hands move by up to a finger's width."""
-    capture, camera = full_size, full_size.camera
+    camera = full_size.camera
     (copy / "segmentations_with_skeleton.vrs").unlink()
     reader = open_annotations("adt", copy, AnnotationKeys(camera, True))
     ids = [reader.instance_map(time) for time in ANNOTATION_NS]
@@ -107,13 +97,12 @@ def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, 
     found = [provider.get_depth_image_by_timestamp_ns(time, RGB_STREAM) for time in ANNOTATION_NS]
     rectification = Rectification(rgb_calibration(sample), camera, 1)
     depth = [rectification.labels(one.data().to_numpy_array()) * 1e-3 for one in found]
-    world_from_camera = world_from_device @ capture.device_from_camera
+    world_from_camera = world_from_device @ full_size.device_from_camera
     v, u = np.nonzero(depth[0] > 0)
     z = depth[0][v, u]
     # Depth is along the optical axis, which the fisheye and the pinhole camera share.
-    points = np.stack(
-        [(u + 0.5 - camera.cx) / camera.fx * z, (v + 0.5 - camera.cy) / camera.fy * z, z], axis=-1
-    )
+    x, y = (u + 0.5 - camera.cx) / camera.fx * z, (v + 0.5 - camera.cy) / camera.fy * z
+    points = np.stack([x, y, z], axis=-1)
     moved = transform(invert(world_from_camera[1]) @ world_from_camera[0], points)
     pixels = camera.project(moved)
     inside = camera.contains(pixels)

@@ -1,4 +1,4 @@
-"""The rules and the readers of frames and annotations have one list of files: a reader needs no file that it lacks."""
+"""Recordings open by format, and a reader needs no file that the rule does not list."""
 
 import hashlib
 import json
@@ -10,10 +10,12 @@ import pytest
 from PIL import Image
 
 from egosplat.calibration.files import companion_path, digest_of_recording
+from egosplat.errors import UserError
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.stage import open_recording
+from egosplat.geometry import Camera
 from tests.support.recordings import copy_files, opened
 from tests.unit.frames.test_hoi4d import FOLDER, root
 from tests.unit.frames.test_plain import CALIBRATION, images
@@ -22,24 +24,17 @@ from tests.unit.frames.test_plain_annotations import IDS, TABLE
 __all__ = ("images", "root")  # fixtures
 
 OPTIONS = FramesOptions(resolution=32, focal=460.0, upright=True)
-CONFIG = {
-    "frames": {"known_poses": "auto"},
-    "poses": {"method": "auto", "trajectory": "closed_loop"},
-}
+KEYS = AnnotationKeys(Camera(32, 24, 30.0, 30.0, 16.0, 12.0), True)
+CONFIG = {"frames": {"known_poses": "auto"}, "poses": {"method": "auto", "trajectory": "closed_loop"}}
 
 
 def read_frames(format: str, recording: Path) -> tuple[np.ndarray, list]:
     """All that a recording gives, and its pictures."""
     reader = open_recording(format, recording, OPTIONS)
-    capture, count = reader, len(reader.timestamp_ns)
-    told = [
-        capture.timestamp_ns.tolist(),
-        capture.camera,
-        capture.camera_known,
-        capture.origin,
-        capture.facts,
-    ]
-    return np.stack([capture.valid[..., None].repeat(3, 2), *reader.read_frames(np.arange(count))]), told
+    times = reader.timestamp_ns.tolist()
+    told = [times, reader.camera, reader.camera_known, reader.origin, reader.facts]
+    frames = reader.read_frames(np.arange(len(times)))
+    return np.stack([reader.valid[..., None].repeat(3, 2), *frames]), told
 
 
 def read_annotations(format: str, recording: Path) -> tuple[list[np.ndarray | None], list]:
@@ -105,10 +100,26 @@ def test_readers_of_videos_need_the_listed_files_alone(video, tmp_path):
     check_copies("plain", clip.parent, clip.name, tmp_path / "copies")
 
 
-def test_a_missing_recording_has_no_files(tmp_path):
-    for format in ("adt", "hoi4d", "plain", "lerf", "3d_ovs"):
-        for stage in ("frames", "annotations"):
-            assert opened(stage, format, tmp_path / "nowhere") == []
+def test_an_unknown_format_is_rejected(tmp_path):
+    with pytest.raises(UserError, match="'aria'.*hoi4d"):
+        open_recording("aria", tmp_path, OPTIONS)
+    with pytest.raises(UserError, match="'aria'"):
+        open_annotations("aria", tmp_path, KEYS)
+
+
+FORMATS = dict.fromkeys(("adt", "lerf", "3d_ovs"), "no such folder")
+FORMATS |= {"hoi4d": "not the name of a HOI4D sequence", "plain": "not found"}
+
+
+@pytest.mark.parametrize("format, problem", FORMATS.items())
+def test_a_missing_recording_is_named_with_the_reason_and_has_no_files(tmp_path, format, problem):
+    nowhere = tmp_path / "nowhere"
+    with pytest.raises(UserError, match=f"nowhere: {problem}"):
+        open_recording(format, nowhere, OPTIONS)
+    with pytest.raises(UserError, match=f"nowhere: {problem}"):
+        open_annotations(format, nowhere, KEYS)
+    for stage in ("frames", "annotations"):
+        assert opened(stage, format, nowhere) == []
 
 
 @pytest.fixture
