@@ -44,7 +44,7 @@ def save(path: Path, image: np.ndarray, orientation: int | None = None) -> None:
     Image.fromarray(image).save(path, exif=exif)
 
 
-def write_transforms(folder: Path, names: list[str], camera: dict | None = None, **changes: object) -> Path:
+def write_transforms(folder: Path, names: list[str], camera: dict | None = None, **changes: object) -> None:
     """A camera that moves to the right; ``changes`` of a frame may be a list, with an entry a frame."""
     frames = []
     for index, name in enumerate(names):
@@ -53,27 +53,31 @@ def write_transforms(folder: Path, names: list[str], camera: dict | None = None,
         own = {key: value[index] if isinstance(value, list) else value for key, value in changes.items()}
         frames.append({"file_path": name, "transform_matrix": pose.tolist()} | own)
     (folder / "transforms.json").write_text(json.dumps((camera or CAMERA) | {"frames": frames}))
-    return folder
 
 
-def write_model(folder: Path, names: list[str], cameras: list[str], camera_of: list[int]) -> Path:
+def write_model(folder: Path, names: list[str], cameras: list[str], camera_of: list[int]) -> None:
     """A COLMAP model as text, without points."""
     (folder / "colmap").mkdir(parents=True)
     rows = [f"{i + 1} 1 0 0 0 {-0.3 * i} 0 0 {camera_of[i]} {name}\n\n" for i, name in enumerate(names)]
-    (folder / "colmap" / "cameras.txt").write_text(
-        "".join(f"{i + 1} {one}\n" for i, one in enumerate(cameras))
-    )
-    (folder / "colmap" / "images.txt").write_text("".join(rows))
-    (folder / "colmap" / "points3D.txt").write_text("")
-    return folder
+    lines = {"cameras": [f"{i + 1} {one}\n" for i, one in enumerate(cameras)], "images": rows, "points3D": []}
+    for name, content in lines.items():
+        (folder / "colmap" / f"{name}.txt").write_text("".join(content))
 
 
-def make(recording: Path, **poses: object) -> tuple[Artifact, Artifact]:
+def write_known(folder: Path, kind: str, names: list[str], width: int = WIDTH, height: int = HEIGHT) -> None:
+    """The poses of one camera, in one of the formats."""
+    if kind == "colmap":
+        write_model(folder, names, [f"PINHOLE {width} {height} 60 60 32 24"], [1] * len(names))
+    else:
+        write_transforms(folder, names, CAMERA | {"w": width, "h": height})
+
+
+def make(recording: Path) -> tuple[Artifact, Artifact]:
     """Frames and known poses of a recording."""
     made, written = recording.parent / "frames.zarr", recording.parent / "poses.zarr"
     keys = defaults()["frames"] | {"resolution": 64, "evaluation_frames": 0}
     make_frames(recording, made, FramesOptions(**keys), format="plain")
-    make_poses(recording, made, written, PosesOptions(**defaults()["poses"] | {"method": "known"} | poses))
+    make_poses(recording, made, written, PosesOptions(**defaults()["poses"] | {"method": "known"}))
     return open_artifact(made, FRAMES), open_artifact(written, POSES)
 
 
@@ -90,17 +94,13 @@ def folder(tmp_path):
 @pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (WIDTH, WIDTH)])
 def test_pictures_lie_as_their_files_have_them(tmp_path, kind, orientation, size):
     """COLMAP, hloc and nerfstudio ignore EXIF orientation, so it would contradict their poses."""
-    recording, image = tmp_path / "recording", picture(*size)
+    image = picture(*size)
     for name in NAMES:
-        save(recording / name, image, orientation)
-    numbers = CAMERA | {"w": size[0], "h": size[1]}
-    if kind == "colmap":
-        write_model(recording, NAMES, [f"PINHOLE {size[0]} {size[1]} 60 60 32 24"], [1] * 4)
-    else:
-        write_transforms(recording, NAMES, numbers)
-    (shown,) = open_recording(recording, OPTIONS).read_frames(np.array([2]))
+        save(tmp_path / name, image, orientation)
+    write_known(tmp_path, kind, NAMES, *size)
+    (shown,) = open_recording(tmp_path, OPTIONS).read_frames(np.array([2]))
     np.testing.assert_array_equal(shown, image)
-    (turned,) = open_recording(recording, OPTIONS.change(known_poses="none")).read_frames(np.array([2]))
+    (turned,) = open_recording(tmp_path, OPTIONS.change(known_poses="none")).read_frames(np.array([2]))
     assert turned.shape != image.shape or (turned != image).any()
 
 
@@ -116,10 +116,7 @@ def test_pictures_are_turned_if_only_this_is_the_size_of_their_camera(tmp_path, 
 
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
 def test_a_camera_of_another_size_is_named(folder, kind):
-    if kind == "colmap":
-        write_model(folder, NAMES, ["PINHOLE 128 96 120 120 64 48"], [1] * 4)
-    else:
-        write_transforms(folder, NAMES, CAMERA | {"w": 128, "h": 96})
+    write_known(folder, kind, NAMES, 128, 96)
     with pytest.raises(UserError, match=r"(colmap|transforms.json): for 128x96 px, but .* 64x48 \(1.png\)"):
         open_recording(folder, OPTIONS)
 
@@ -130,13 +127,10 @@ def test_two_cameras_become_one_that_both_see(tmp_path):
         Lens("PINHOLE", 96, 128, (110.0, 110.0, 48.0, 64.0)),
     ]
     target = shared_pinhole(lenses, [3, 1])
-    views = np.array([lens.inner_view() for lens in lenses])
+    views = np.array([lens.inner_view() for lens in lenses]).reshape(-1, 2, 2)
     assert target.fx == pytest.approx(lenses[0].pinhole.fx)
-    corners = np.array([[0, 0], [target.width, target.height]])
-    left, top, right, bottom = ((corners - [target.cx, target.cy]) / target.fx).ravel()
-    assert (views[:, :2] <= [left + 1e-9, top + 1e-9]).all() and (
-        views[:, 2:] >= [right - 1e-9, bottom - 1e-9]
-    ).all()
+    corners = (np.array([[0, 0], [target.width, target.height]]) - [target.cx, target.cy]) / target.fx
+    assert ((views - corners) * [[-1], [1]] >= -1e-9).all()
     for lens in lenses:
         rows, columns = np.mgrid[: lens.height, : lens.width] + 0.5
         rays = lens.colmap().cam_from_img(np.stack([columns.ravel(), rows.ravel()], 1))
@@ -172,51 +166,31 @@ def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
     assert "2 cameras" in told and "leaves out 1 pictures whose camera is not known" in told
     assert frames.facts["pictures"] == names and frames.facts["lens_of_frame"] == [0, 1, 0]
     camera, valid = Camera(**frames.facts["camera"]), frames.read("valid")
-    assert (
-        valid.all()
-        and valid.shape == (camera.height, camera.width)
-        and abs(camera.width - camera.height) <= 2
-    )
-    assert poses.read("registered").all()
-    rgb = frames.read("rgb").astype(int)
+    assert valid.all() and valid.shape == (camera.height, camera.width)
+    assert abs(camera.width - camera.height) <= 2 and poses.read("registered").all()
     # The middle of every picture looks ahead.
-    middle = rgb[:, round(camera.cy), round(camera.cx), :2]
-    assert np.abs(middle - 120).max() <= 5
+    middle = frames.read("rgb")[:, round(camera.cy), round(camera.cx), :2]
+    assert np.abs(middle.astype(int) - 120).max() <= 5
     keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
     every = defaults()["frames"] | {"resolution": 64, "evaluation_frames": 3, "holdout": False}
     make_frames(recording, tmp_path / "frames.zarr", FramesOptions(**every), format="plain")
     annotations_stage.run(recording, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", keys)
     found = open_artifact(tmp_path / "annotations.zarr", annotations_stage.ANNOTATIONS)
     assert found.read("annotated").tolist() == [False, True, False]
-    labels = found.row("instance_map", 1)
-    columns = np.flatnonzero(labels[0] >= 0)
+    columns = np.flatnonzero(found.row("instance_map", 1)[0] >= 0)
     assert abs(columns[0] - camera.cx) <= 1 and columns[-1] == camera.width - 1
-
-
-def test_a_mask_of_the_folder_needs_pictures_of_one_size(tmp_path):
-    save(tmp_path / "a.png", picture())
-    save(tmp_path / "b.png", picture(HEIGHT, WIDTH))
-    save(tmp_path / "valid.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
-    write_model(
-        tmp_path, ["a.png", "b.png"], ["PINHOLE 64 48 60 60 32 24", "PINHOLE 48 64 60 60 24 32"], [1, 2]
-    )
+    save(recording / "valid.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
     with pytest.raises(UserError, match="valid.png: the pictures have several sizes"):
-        open_recording(tmp_path, OPTIONS)
+        open_recording(recording, OPTIONS)
 
 
-def write_masks(folder: Path, *, suffix: str = "png") -> np.ndarray:
-    """A mask for each picture that hides the left border in all and a square in each; (F, H, W) of what it shows."""
+@pytest.mark.parametrize("suffix", ["png", "jpg"])
+def test_masks_of_frames_are_read(folder, suffix):
     shown = np.ones((4, HEIGHT, WIDTH), bool)
     shown[:, :, :8] = False
     for index in range(4):
         shown[index, 8:24, 16 + 8 * index : 24 + 8 * index] = False
         save(folder / f"masks/{index}.{suffix}", shown[index].astype(np.uint8) * 255)
-    return shown
-
-
-@pytest.mark.parametrize("suffix", ["png", "jpg"])
-def test_masks_of_frames_are_read(folder, suffix):
-    shown = write_masks(folder, suffix=suffix)
     write_transforms(folder, NAMES, mask_path=[f"masks/{index}.{suffix}" for index in range(4)])
     frames, _ = make(folder)
     valid = frames.read("valid")
@@ -239,53 +213,42 @@ def test_transparent_pixels_are_not_valid(folder, known):
     if known:
         write_transforms(folder, NAMES)
     recording = open_recording(folder, OPTIONS.change(lens="pinhole"))
-    opaque, capture = alpha == 255, recording
-    np.testing.assert_array_equal(capture.valid, opaque.any(axis=0))
+    opaque = alpha == 255
+    np.testing.assert_array_equal(recording.valid, opaque.any(axis=0))
     for index in range(4):
-        np.testing.assert_array_equal(capture.masked(index), capture.valid & ~opaque[index])
+        np.testing.assert_array_equal(recording.masked(index), recording.valid & ~opaque[index])
     (shown,) = recording.read_frames(np.array([1]))
     assert not shown[~opaque[1]].any() and (shown[opaque[1]] == picture()[opaque[1]]).all()
 
 
 LAYOUTS = {
-    "nerfstudio's project": (
-        [f"images/frame_{i:05d}.png" for i in range(1, 5)],
-        "images/frame_00001.png",
-        str,
-    ),
-    "blender's names": ([f"./train/r_{i}" for i in range(4)], "train/r_0.png", lambda name: f"{name}.png"),
-    "two folders": ([f"cam{c}/{i}.png" for c in (1, 2) for i in (1, 2)], "cam1/1.png", str),
-    "COLMAP's project": ([f"{i}.png" for i in range(4)], "images/0.png", lambda name: f"images/{name}"),
-    "Windows": (
-        [f".\\images\\{i}.png" for i in range(4)],
-        "images/0.png",
-        lambda name: name.replace("\\", "/"),
-    ),
+    "nerfstudio's project": ("images/frame_{:05d}.png", "images/frame_{:05d}.png"),
+    "blender's names": ("./train/r_{}", "train/r_{}.png"),
+    "two folders": ("cam{}/1.png", "cam{}/1.png"),
+    "COLMAP's project": ("{}.png", "images/{}.png"),
+    "Windows": (".\\images\\{}.png", "images/{}.png"),
 }
 
 
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
-@pytest.mark.parametrize("names, first, file_of", LAYOUTS.values(), ids=LAYOUTS)
-def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, names, first, file_of):
-    recording = tmp_path / "recording"
-    for name in names:
-        save(recording / file_of(name), picture())
+@pytest.mark.parametrize("name, file", LAYOUTS.values(), ids=LAYOUTS)
+def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, name, file):
+    recording, files = tmp_path / "recording", [file.format(i) for i in range(4)]
+    for path in files:
+        save(recording / path, picture())
     save(recording / "images_2/frame_00001.png", picture(32, 24))
-    if kind == "colmap":
-        write_model(recording, names, ["PINHOLE 64 48 60 60 32 24"], [1] * 4)
-    else:
-        write_transforms(recording, names)
-    if kind == "colmap" and first == "images/0.png":
+    write_known(recording, kind, [name.format(i) for i in range(4)])
+    if kind == "colmap" and file == "images/{}.png":
         (recording / "sparse").mkdir()
         (recording / "colmap").rename(recording / "sparse/0")
     if kind == "transforms":
         (recording / "colmap").mkdir()  # with nerfstudio's database
     frames, poses = make(recording)
-    assert frames.facts["pictures"][0] == first and len(frames.facts["pictures"]) == 4
+    assert frames.facts["pictures"] == files
     np.testing.assert_allclose(poses.read("camera_to_world")[:, 0, 3], [0.0, 0.3, 0.6, 0.9])
     (tmp_path / "copy").mkdir()
-    files = opened("frames", "plain", recording)
-    copied = open_recording(copy_files(files, recording, tmp_path / "copy"), OPTIONS)
+    listed = opened("frames", "plain", recording)
+    copied = open_recording(copy_files(listed, recording, tmp_path / "copy"), OPTIONS)
     assert frames.facts | json.loads(json.dumps(copied.facts)) == frames.facts
 
 
