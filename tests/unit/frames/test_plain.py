@@ -18,15 +18,14 @@ CALIBRATION = {"width": 64, "height": 48, "fx": 50.0, "fy": 51.0, "cx": 30.0, "c
 
 
 def ffmpeg(*arguments):
-    subprocess.run(
-        [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error", *map(str, arguments)], check=True
-    )
+    quiet = [imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-loglevel", "error"]
+    subprocess.run([*quiet, *map(str, arguments)], check=True)
 
 
-def write_images(folder, names, size=(64, 48)):
+def write_images(folder, names):
     folder.mkdir(exist_ok=True)
     for number, name in enumerate(names):
-        Image.new("RGB", size, (10 * number, 100, 0)).save(folder / name)
+        Image.new("RGB", (64, 48), (10 * number, 100, 0)).save(folder / name)
     return folder
 
 
@@ -114,57 +113,49 @@ def test_a_resized_mask_keeps_wholly_valid_pixels(images):
     assert len(recording.timestamp_ns) == 12
 
 
-def test_bad_masks_are_named(images):
-    Image.new("L", (63, 48), 255).save(images / "valid.png")
-    with pytest.raises(UserError, match="valid.png: 63x48"):
-        open_recording(images, OPTIONS)
-    Image.new("L", (64, 48), 0).save(images / "valid.png")
-    with pytest.raises(UserError, match="valid.png.*black"):
-        open_recording(images, OPTIONS)
+TEXTURED = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+BAD_IMAGES = {
+    "a mask of another size": ("valid.png", Image.new("L", (63, 48), 255), "63x48"),
+    "a black mask": ("valid.png", Image.new("L", (64, 48), 0), "black"),
+    "another size": ("7.png", Image.new("RGB", (48, 64)), "48x64 px.*64x48"),
+    "no image": ("7.png", None, ""),
+    "cut off": ("3.png", Image.fromarray(TEXTURED), ""),
+    "16 bits": ("3.png", Image.fromarray(np.zeros((48, 64), np.uint16)), "8 bits"),
+}
+
+
+@pytest.mark.parametrize("kind", BAD_IMAGES)
+def test_bad_images_and_masks_are_named(images, kind):
+    name, image, problem = BAD_IMAGES[kind]
+    if image:
+        image.save(images / name)
+    content = (images / name).read_bytes()
+    if kind in ("no image", "cut off"):
+        (images / name).write_bytes(content[: len(content) // 2] if image else b"no image")
+    with pytest.raises(UserError, match=f"{name}.*{problem}"):
+        reds(open_recording(images, OPTIONS), [2])
+
+
+def test_an_empty_image_folder_is_named(tmp_path):
+    with pytest.raises(UserError, match="no png"):
+        open_recording(tmp_path, OPTIONS)
 
 
 def test_exif_orientation_is_applied(tmp_path):
-    folder = write_images(tmp_path / "images", ["a.jpg"])
     image = np.zeros((48, 64, 3), np.uint8)
     image[:24, :, 1] = 200
     exif = Image.Exif()
     exif[0x0112] = 6  # shown turned clockwise
-    Image.fromarray(image).save(folder / "a.jpg", exif=exif, quality=95)
-    recording = open_recording(folder, OPTIONS.change(resolution=64))
-    (shown,) = recording.read_frames(np.array([0]))
+    Image.fromarray(image).save(tmp_path / "a.jpg", exif=exif, quality=95)
+    (shown,) = open_recording(tmp_path, OPTIONS.change(resolution=64)).read_frames(np.array([0]))
     assert shown.shape == (64, 48, 3)
     assert shown[:, 40, 1].min() > 150 and shown[:, 8, 1].max() < 50
 
 
-def test_bad_image_folders_are_named(images, tmp_path):
-    with pytest.raises(UserError, match="no png"):
-        open_recording(write_images(tmp_path / "empty", []), OPTIONS)
-    Image.new("RGB", (48, 64)).save(images / "7.png")
-    with pytest.raises(UserError, match="7.png: 48x64 px.*64x48"):
-        open_recording(images, OPTIONS)
-    (images / "7.png").write_text("no image")
-    with pytest.raises(UserError, match="7.png"):
-        open_recording(images, OPTIONS)
-
-
-def test_an_image_that_cannot_be_decoded_is_named(images):
-    Image.fromarray(np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)).save(
-        images / "3.png"
-    )
-    content = (images / "3.png").read_bytes()
-    (images / "3.png").write_bytes(content[: len(content) // 2])
-    with pytest.raises(UserError, match="3.png"):
-        reds(open_recording(images, OPTIONS), [2])
-    Image.fromarray(np.zeros((48, 64), np.uint16)).save(images / "3.png")
-    with pytest.raises(UserError, match="3.png.*8 bits"):
-        reds(open_recording(images, OPTIONS), [2])
-
-
 def test_area_averaging_does_not_alias(tmp_path):
-    folder = write_images(tmp_path / "images", ["0.png"])
     checkers = np.indices((48, 64)).sum(axis=0) % 2 * 255
-    Image.fromarray(np.repeat(checkers[..., None], 3, axis=2).astype(np.uint8)).save(folder / "0.png")
-    (image,) = open_recording(folder, OPTIONS).read_frames(np.array([0]))
+    Image.fromarray(np.repeat(checkers[..., None], 3, axis=2).astype(np.uint8)).save(tmp_path / "0.png")
+    (image,) = open_recording(tmp_path, OPTIONS).read_frames(np.array([0]))
     assert np.abs(image.astype(int) - 127).max() <= 1
 
 
@@ -188,8 +179,7 @@ def test_a_rotated_video_is_shown_upright(video):
     turned = source.with_name("turned.mp4")
     ffmpeg("-display_rotation", "90", "-i", source, "-c", "copy", turned)
     recording = open_recording(turned, OPTIONS)
-    camera = recording.camera
-    assert (camera.width, camera.height) == (24, 32)
+    assert (recording.camera.width, recording.camera.height) == (24, 32)
     (image,) = recording.read_frames(np.array([2]))
     # Turned counter-clockwise, the red left half comes to lie below.
     assert image[28, 12, 0] > 200 and image[4, 12, 0] < 60

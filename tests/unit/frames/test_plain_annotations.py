@@ -23,7 +23,7 @@ TABLE = "id\tname\tcategory\tmotion_type\n5\tBall_1\tball\tdynamic\n300\tTable\t
 IDS = np.zeros((48, 64), np.uint16)
 IDS[10:20, 4:14], IDS[30:48] = 5, 300
 
-AGE = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+BALL = np.where(IDS == 5, 5, 0).astype(np.uint8)
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def images(tmp_path):
         Image.new("RGB", (64, 48)).save(folder / f"img_{number}.jpg")
     (folder / "annotations" / "instances.tsv").write_text(TABLE)
     Image.fromarray(IDS).save(folder / "annotations" / "img_2.png")
-    Image.fromarray(np.where(IDS == 5, 5, 0).astype(np.uint8)).save(folder / "annotations" / "img_10.png")
+    Image.fromarray(BALL).save(folder / "annotations" / "img_10.png")
     return folder
 
 
@@ -54,41 +54,46 @@ def test_images_have_the_annotation_of_their_name(images):
     assert (third == np.where(expected == 0, 0, -1)).all()
 
 
-@pytest.mark.parametrize(("evaluation", "annotated"), [(1, "1 of 1"), (3, "2 of 3")])
-def test_evaluation_frames_without_annotation_are_reported(images, tmp_path, capsys, evaluation, annotated):
-    keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": evaluation, "holdout": False}
-    stage.run(images, tmp_path / "frames.zarr", stage.FramesOptions(**keys), format="plain")
-    annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", AGE)
-    last = capsys.readouterr().err.splitlines()[-1]
-    missing = "" if evaluation == 1 else "; not annotated (indices from 0): 0"
-    assert last == f"{annotated} evaluation frames are annotated{missing}"
-
-
-def split(recording, output, **keys):
+def split(recording, **keys):
     """The training and evaluation flags of the frames that a stage writes."""
     options = stage.FramesOptions(**defaults()["frames"] | {"resolution": 32} | keys)
-    stage.run(recording, output, options, format="plain")
-    frames = open_artifact(output, FRAMES)
+    stage.run(recording, recording.parent / "frames.zarr", options, format="plain")
+    frames = open_artifact(recording.parent / "frames.zarr", FRAMES)
     return frames.read("train").tolist(), frames.read("evaluation").tolist()
 
 
-def test_without_annotations_every_frame_trains(images, tmp_path, capsys):
+def annotate(images, evaluation):
+    """Frames that are all trained on, and the annotations of some."""
+    split(images, evaluation_frames=evaluation, holdout=False)
+    written = images.parent / "annotations.zarr"
+    keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+    annotations_stage.run(images, images.parent / "frames.zarr", written, keys)
+
+
+@pytest.mark.parametrize(
+    "evaluation, told",
+    [
+        (1, "1 of 1 evaluation frames are annotated"),
+        (3, "2 of 3 evaluation frames are annotated; not annotated (indices from 0): 0"),
+    ],
+)
+def test_evaluation_frames_without_annotation_are_reported(images, capsys, evaluation, told):
+    annotate(images, evaluation)
+    assert capsys.readouterr().err.splitlines()[-1] == told
+
+
+def test_without_annotations_every_frame_trains(images, capsys):
     shutil.rmtree(images / "annotations")
-    assert split(images, tmp_path / "frames.zarr") == ([True] * 3, [False] * 3)
+    assert split(images) == ([True] * 3, [False] * 3)
     assert "3 frames, all for training" in capsys.readouterr().err
-    assert split(images, tmp_path / "frames.zarr", evaluation_frames=1) == (
-        [True, False, True],
-        [False, True, False],
-    )
+    assert split(images, evaluation_frames=1) == ([True, False, True], [False, True, False])
 
 
 def test_annotations_without_an_evaluation_frame_are_rejected(images, tmp_path):
     for path in (images / "annotations").glob("*.png"):
         path.unlink()
-    keys = defaults()["frames"] | {"resolution": 32, "evaluation_frames": 3, "holdout": False}
-    stage.run(images, tmp_path / "frames.zarr", stage.FramesOptions(**keys), format="plain")
     with pytest.raises(UserError, match="3 evaluation frames"):
-        annotations_stage.run(images, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", AGE)
+        annotate(images, 3)
     assert not (tmp_path / "annotations.zarr").exists()
 
 
@@ -111,7 +116,7 @@ def test_video_frames_have_the_annotation_of_their_number(video, tmp_path):
     folder.mkdir()
     (folder / "instances.tsv").write_text(TABLE)
     Image.fromarray(IDS).save(folder / "0007.png")
-    palette = Image.fromarray(np.where(IDS == 5, 5, 0).astype(np.uint8))
+    palette = Image.fromarray(BALL)
     palette.putpalette([90] * 768)
     palette.save(folder / "9.png")
     found = maps(path)

@@ -22,6 +22,7 @@ from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import clockwise_turns, pinhole
+from egosplat.geometry import make_pose
 
 RGB = "camera-rgb"
 BUILDS = [
@@ -39,19 +40,14 @@ def device(version: DeviceVersion, build: str, origin: str, tilt_deg: float = 0.
     """
     cad = DeviceCadExtrinsics(version, build, origin)
     empty = DeviceCalibration({}, {}, {}, {}, {}, cad, build, origin, version)
-    tilt = SE3.from_matrix(
-        np.block(
-            [[Rotation.from_euler("z", tilt_deg, degrees=True).as_matrix(), np.zeros((3, 1))], [0, 0, 0, 1]]
-        )
-    )
-    mounted = (
-        empty.get_transform_device_cpf(CpfType.CadBased) @ empty.get_transform_cpf_sensor(RGB, True) @ tilt
-    )
-    lens = np.array([120.0, 127.5, 95.5, *[0.0] * 12])
-    fisheye = CameraModelType.FISHEYE624
+    turn = Rotation.from_euler("z", tilt_deg, degrees=True).as_matrix()
+    tilt = SE3.from_matrix(make_pose(turn, np.zeros(3)))
+    cpf = empty.get_transform_device_cpf(CpfType.CadBased)
+    mounted = cpf @ empty.get_transform_cpf_sensor(RGB, True) @ tilt
+    lens = CameraModelType.FISHEYE624, np.array([120.0, 127.5, 95.5, *[0.0] * 12])
     cameras = {
-        RGB: CameraCalibration(RGB, fisheye, lens, mounted, 256, 192, None, 1.0, "test"),
-        origin: CameraCalibration(origin, fisheye, lens, SE3(), 256, 192, None, 1.0, "test"),
+        name: CameraCalibration(name, *lens, pose, 256, 192, None, 1.0, "test")
+        for name, pose in ((RGB, mounted), (origin, SE3()))
     }
     made = DeviceCalibration(cameras, {}, {}, {}, {}, cad, build, origin, version)
     return device_calibration_from_json_string(device_calibration_to_json_string(made))
@@ -102,15 +98,13 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
 
     def gen2(provider):
         lens = calibration(provider).get_camera_calib(RGB)
-        mounted = device(*BUILDS[2][:3])
-        pose = mounted.get_camera_calib(RGB).get_transform_device_camera()
+        version, build, origin, _ = BUILDS[2]
+        pose = device(version, build, origin).get_camera_calib(RGB).get_transform_device_camera()
         size, radius = map(int, lens.get_image_size()), lens.get_valid_radius()
         about = lens.get_projection_params(), pose, *size, radius, lens.get_max_solid_angle(), "test"
         camera = CameraCalibration(RGB, CameraModelType.FISHEYE624, *about)
-        cad = DeviceCadExtrinsics(*BUILDS[2][:3])
-        return DeviceCalibration(
-            {RGB: camera}, {}, {}, {}, {}, cad, "DVT_LL", "slam-front-left", DeviceVersion.Gen2
-        )
+        cad = DeviceCadExtrinsics(version, build, origin)
+        return DeviceCalibration({RGB: camera}, {}, {}, {}, {}, cad, build, origin, version)
 
     monkeypatch.setattr(VrsDataProvider, "get_device_calibration", gen2)
     for upright in (True, False):
@@ -118,10 +112,7 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
         assert turned.upright
         image = next(turned.read_frames(np.array([0])))
         assert (image == next(lying.read_frames(np.array([0])))).all()
-    found = [
-        open_annotations("adt", sample, AnnotationKeys(lying.camera, upright)).instance_map(
-            int(lying.timestamp_ns[0])
-        )
-        for upright in (True, False)
-    ]
-    assert (found[0] == found[1]).all()
+    keys = [AnnotationKeys(lying.camera, upright) for upright in (True, False)]
+    time = int(lying.timestamp_ns[0])
+    turned, sensor = (open_annotations("adt", sample, each).instance_map(time) for each in keys)
+    assert (turned == sensor).all()
