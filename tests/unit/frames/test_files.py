@@ -24,6 +24,7 @@ from tests.unit.frames.test_plain_annotations import IDS, TABLE
 __all__ = ("images", "root")  # fixtures
 
 OPTIONS = FramesOptions(resolution=32, focal=460.0, upright=True)
+STAGES = ("frames", "annotations")
 KEYS = AnnotationKeys(Camera(32, 24, 30.0, 30.0, 16.0, 12.0), True)
 CONFIG = {"frames": {"known_poses": "auto"}, "poses": {"method": "auto", "trajectory": "closed_loop"}}
 
@@ -69,13 +70,9 @@ def check_copies(format: str, top: Path, place: str, target: Path) -> None:
 
 def test_readers_of_adt_need_the_listed_files_alone(copy, tmp_path):
     check_copies("adt", copy.parent, copy.name, tmp_path / "copies")
-    listed = {
-        stage: {path.name for path in opened(stage, "adt", copy)} for stage in ("frames", "annotations")
-    }
-    assert listed == {
-        "frames": {"video.vrs", "metadata.json"},
-        "annotations": {"video.vrs", "instances.json", "segmentations_with_skeleton.vrs"},
-    }
+    frames, annotations = ({path.name for path in opened(stage, "adt", copy)} for stage in STAGES)
+    assert frames == {"video.vrs", "metadata.json"}
+    assert annotations == {"video.vrs", "instances.json", "segmentations_with_skeleton.vrs"}
 
 
 def test_readers_of_hoi4d_need_the_listed_files_alone(root, tmp_path):
@@ -118,7 +115,7 @@ def test_a_missing_recording_is_named_with_the_reason_and_has_no_files(tmp_path,
         open_recording(format, nowhere, OPTIONS)
     with pytest.raises(UserError, match=f"nowhere: {problem}"):
         open_annotations(format, nowhere, KEYS)
-    for stage in ("frames", "annotations"):
+    for stage in STAGES:
         assert opened(stage, format, nowhere) == []
 
 
@@ -126,9 +123,7 @@ def test_a_missing_recording_is_named_with_the_reason_and_has_no_files(tmp_path,
 def digest(monkeypatch, tmp_path):
     """The digest of what ``frames`` reads, with a cache of this test."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    return lambda recording, format="plain", stage="frames": digest_of_recording(
-        stage, format, recording, CONFIG
-    )
+    return lambda recording, stage="frames": digest_of_recording(stage, "plain", recording, CONFIG)
 
 
 @pytest.mark.parametrize("name", ["transforms.json", "clip.mp4"])

@@ -9,9 +9,7 @@ from egosplat.frames.native_log import captured_log
 
 def test_important_native_messages_are_kept(capfd):
     with captured_log() as messages:
-        os.write(
-            2, b"\x1b[38;2;000;000;255m[VrsDataProvider][INFO]: streamId 211-1 activated\x1b[0m\n\x1b[0m"
-        )
+        os.write(2, b"\x1b[38;2;000;000;255m[VrsDataProvider][INFO]: activated\x1b[0m\n\x1b[0m")
         os.write(2, b"\x1b[38;2;255;000;000m[Reader][ERROR]: Cannot read.\x1b[0m\n")
         os.write(1, b"WARNING: Invalid device version, vrs tag\n")
         os.write(1, b"Corrupt JPEG data\n")

@@ -10,30 +10,22 @@ from projectaria_tools.core.calibration import (
 )
 
 from egosplat.frames.rectify import Rectification, linear_calibration, pinhole, supersampling
-from egosplat.geometry import ARIA_PIXEL_OFFSET, CLOCKWISE
-
-
-def points_in_front(count: int = 200) -> np.ndarray:
-    rng = np.random.default_rng(3)
-    return np.column_stack([rng.uniform(-1, 1, (count, 2)), rng.uniform(1, 4, count)])
+from egosplat.geometry import ARIA_PIXEL_OFFSET, CLOCKWISE, invert, transform
 
 
 @pytest.mark.parametrize("upright", [False, True])
 def test_device_points_project_like_the_rotated_linear_calibration(fisheye, upright):
     rectification = Rectification(fisheye, pinhole(352, 460.0), upright)
-    pose = fisheye.get_transform_device_camera()
-    device = points_in_front() @ pose.to_matrix()[:3, :3].T + pose.to_matrix()[:3, 3]
+    rng = np.random.default_rng(3)
+    camera_points = np.column_stack([rng.uniform(-1, 1, (200, 2)), rng.uniform(1, 4, 200)])
+    device = transform(fisheye.get_transform_device_camera().to_matrix(), camera_points)
     # Their linear calibration carries the pose, so that the whole chain from the device frame is theirs.
     linear = linear_calibration(pinhole(352, 460.0))
     rotated = rotate_camera_calib_cw90deg(linear) if upright else linear
     to_rotated = rotated.get_transform_device_camera().inverse().to_matrix()
-    camera_points = (device - pose.to_matrix()[:3, 3]) @ pose.to_matrix()[:3, :3]
-    theirs = np.array(
-        [rotated.project_no_checks(to_rotated[:3, :3] @ point + to_rotated[:3, 3]) for point in camera_points]
-    )
-    camera_from_device = np.linalg.inv(rectification.device_from_camera)
-    ours = rectification.camera.project(device @ camera_from_device[:3, :3].T + camera_from_device[:3, 3])
-    assert np.abs(ours - (theirs + ARIA_PIXEL_OFFSET)).max() < 1e-9
+    theirs = [rotated.project_no_checks(point) for point in transform(to_rotated, camera_points)]
+    ours = rectification.camera.project(transform(invert(rectification.device_from_camera), device))
+    assert np.abs(ours - (np.array(theirs) + ARIA_PIXEL_OFFSET)).max() < 1e-9
     if upright:
         sensor = Rectification(fisheye, pinhole(352, 460.0), False)
         assert np.allclose(rectification.device_from_camera, sensor.device_from_camera @ CLOCKWISE)
