@@ -14,15 +14,12 @@ def figure():
     plt.close(made)
 
 
-def test_a_title_alone_leaves_the_page_as_it_is(figure):
-    draw_heading(figure, "scene\nwhat it shows", [])
-    assert figure.get_suptitle() == "scene\nwhat it shows" and figure.get_size_inches()[1] == 4.0
-
-
-def test_warnings_extend_the_page_below(figure):
-    draw_heading(figure, "scene", ["alarm: one", "alarm: two"])
-    assert figure.get_suptitle().splitlines() == ["scene", "alarm: one", "alarm: two"]
-    assert figure.get_size_inches()[1] > 4.0
+@pytest.mark.parametrize("warnings", [[], ["alarm: one", "alarm: two"]])
+def test_warnings_extend_the_page_below_and_a_title_does_not(figure, warnings):
+    draw_heading(figure, "scene\nwhat it shows", warnings)
+    assert figure.get_suptitle().splitlines() == ["scene", "what it shows", *warnings]
+    height = figure.get_size_inches()[1]
+    assert height > 4.0 if warnings else height == 4.0
 
 
 def test_lines_fit_the_page_however_long_and_no_word_is_lost(figure):

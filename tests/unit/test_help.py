@@ -1,4 +1,9 @@
-"""The front of the command line: commands by group, few flags first."""
+"""The front of the command line: commands by group, few flags first; the shell completes them, as docs/index.md says."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -25,3 +30,18 @@ def test_commands_are_listed_by_group_on_one_line_each():
 def test_keys_stand_behind_set(command):
     text = said(command, "--help")
     assert "--min-score" in text and "--set" in text and "temperature" not in text
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("egosplat exp", "export"),
+        ("egosplat export x --for", "--format"),
+        ("egosplat export x --format sp", "spz"),
+    ],
+)
+def test_bash_completes(words, expected):
+    asked = {"_EGOSPLAT_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(words.count(" "))}
+    command = Path(sys.executable).with_name("egosplat")
+    done = subprocess.run([command], env=os.environ | asked, capture_output=True, text=True, check=True)
+    assert done.stdout == f"plain,{expected}\n"

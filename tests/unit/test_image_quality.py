@@ -65,10 +65,9 @@ def test_a_window_with_an_invalid_pixel_has_no_value():
     valid = EVERYWHERE.clone()
     valid[15, 20] = False
     found = ssim_map(picture(0), picture(1), valid)
-    assert (
-        found[15 - WINDOW_RADIUS : 16 + WINDOW_RADIUS, 20 - WINDOW_RADIUS : 21 + WINDOW_RADIUS].isnan().all()
-    )
-    assert not found[15, 20 + WINDOW_RADIUS + 1].isnan() and not found[15 + WINDOW_RADIUS + 1, 20].isnan()
+    reach = WINDOW_RADIUS
+    assert found[15 - reach : 16 + reach, 20 - reach : 21 + reach].isnan().all()
+    assert not found[15, 21 + reach].isnan() and not found[16 + reach, 20].isnan()
 
 
 def test_scores_of_equal_images_and_of_a_known_error():
@@ -89,12 +88,10 @@ def test_constant_images_have_an_ssim():
     assert 0.0 <= ssim(black, black + 255, EVERYWHERE) < 0.01
 
 
-@pytest.mark.parametrize("height, width", [(10, 40), (1, 1), (11, 10)])
-def test_an_image_smaller_than_a_window_has_no_ssim(height, width):
-    one, valid = torch.zeros(height, width, 3, dtype=torch.uint8), torch.ones(height, width, dtype=torch.bool)
-    assert math.isnan(ssim(one, one, valid)) and psnr(one, one, valid) == math.inf
-
-
-def test_without_valid_pixels_there_is_no_score():
-    one, nowhere = picture(0), torch.zeros_like(EVERYWHERE)
-    assert math.isnan(psnr(one, one, nowhere)) and math.isnan(ssim(one, one, nowhere))
+@pytest.mark.parametrize(
+    "height, width, valid", [(10, 40, True), (1, 1, True), (11, 10, True), (30, 40, False)]
+)
+def test_an_image_smaller_than_a_window_or_without_a_valid_pixel_has_no_ssim(height, width, valid):
+    one, where = torch.zeros(height, width, 3, dtype=torch.uint8), torch.full((height, width), valid)
+    assert math.isnan(ssim(one, one, where))
+    assert psnr(one, one, where) == math.inf if valid else math.isnan(psnr(one, one, where))

@@ -9,12 +9,8 @@ import pytest
 
 SOURCES = Path(__file__).resolve().parents[2] / "src"
 PIPELINE = sorted(path.stem for path in (SOURCES / "egosplat/pipeline").glob("[!_]*.py"))
-MODELS = {
-    "sam2_config": "sam2.1_hiera_b+",
-    "clip_model": "ViT-B-16",
-    "sam2_checkpoint": "x",
-    "clip_checkpoint": "x",
-}
+MODELS = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
+MODELS |= dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), "x")
 
 
 def imported_lines(code: str) -> list[str]:
@@ -30,27 +26,25 @@ def imported_by(code: str) -> set[str]:
     return set(" ".join(imported_lines(code)).split())
 
 
-@pytest.mark.parametrize(
-    "code, heavy",
-    [
-        (
-            "".join(f"import egosplat.pipeline.{one};" for one in PIPELINE),
-            {"torch", "zarr", "cv2", "sam2", "open_clip", "pycolmap"},
-        ),
-        (
-            "from egosplat.cli import cli; cli.get_command(None, 'query')",
-            {"torch", "numpy", "matplotlib", "cv2", "zarr", "snakemake"},
-        ),
-        (
-            f"from egosplat.models.checkpoints import model_hashes; model_hashes({{'models': {MODELS}}})",
-            {"torch", "sam2", "open_clip", "hydra"},
-        ),
-    ],
-    ids=["rules", "help of query", "hashes of models"],
-)
-def test_a_quick_start_imports_nothing_heavy(code, heavy):
+ASK_FOR_HASHES = "from egosplat.models.checkpoints import model_hashes; model_hashes"
+QUICK = {
+    "rules": (
+        "".join(f"import egosplat.pipeline.{one};" for one in PIPELINE),
+        "torch zarr cv2 sam2 pycolmap",
+    ),
+    "help": (
+        "from egosplat.cli import cli; cli.get_command(None, 'query')",
+        "torch numpy cv2 zarr snakemake",
+    ),
+    "hashes of models": (f"{ASK_FOR_HASHES}({{'models': {MODELS}}})", "torch sam2 open_clip hydra"),
+}
+
+
+@pytest.mark.parametrize("program", QUICK)
+def test_a_quick_start_imports_nothing_heavy(program):
     """Snakemake imports the pipeline for every job, and help is shown at once."""
-    assert not heavy & imported_by(code)
+    code, heavy = QUICK[program]
+    assert not {*heavy.split(), "open_clip", "matplotlib"} & imported_by(code)
 
 
 WITH_THE_COMPILER = """
@@ -96,26 +90,27 @@ os._exit(0)"""
     return {name: set(modules) for name, *modules in lines}
 
 
-@pytest.mark.parametrize("module", ["segments.masks", "transient.network", "viewing.words"])
-def test_libraries_of_models_come_without_the_compiler_of_torch(imported_after_torch, module):
-    """It takes twice as long to import as the libraries, and nothing here compiles."""
-    found = imported_after_torch[module]
-    assert f"egosplat.{module}" in found and not {"torch._dynamo", "torch._dynamo.utils"} & found
+COMPILER = {"torch._dynamo", "torch._dynamo.utils"}
 
 
-def test_the_compiler_of_torch_can_be_imported_later(imported_after_torch):
-    """Its parts are its own, and it still excludes functions from compilation."""
-    assert "torch._dynamo" in imported_after_torch["compiler"]
-
-
-def test_open_clip_does_not_import_transformers(imported_after_torch):
-    """A package with weights brings it along; its import takes seconds."""
-    assert "open_clip.hf_model" in imported_after_torch["transformers"]
-
-
-def test_the_words_of_a_query_need_no_matplotlib(imported_after_torch):
-    """The answer is printed before the library of the picture is imported."""
-    assert "matplotlib" not in imported_after_torch["query.command"]
+@pytest.mark.parametrize(
+    "program, imported, left_out",
+    [
+        # It takes twice as long to import as the libraries of models, and nothing here compiles.
+        ("segments.masks", "egosplat.segments.masks", COMPILER),
+        ("transient.network", "egosplat.transient.network", COMPILER),
+        ("viewing.words", "egosplat.viewing.words", COMPILER),
+        # It can be imported later: its parts are its own.
+        ("compiler", "torch._dynamo", set()),
+        # A package with weights brings transformers along, whose import takes seconds.
+        ("transformers", "open_clip.hf_model", {"transformers"}),
+        # The answer is printed before the library of the picture is imported.
+        ("query.command", "egosplat.query.command", {"matplotlib"}),
+    ],
+)
+def test_what_takes_long_is_imported_where_it_is_used(imported_after_torch, program, imported, left_out):
+    found = imported_after_torch[program]
+    assert imported in found and not left_out & found
 
 
 def test_reading_frames_never_imports_annotation_code():
@@ -131,9 +126,8 @@ def test_reading_frames_never_imports_annotation_code():
 
 def test_hashing_imports_nothing_that_a_stage_needs():
     """The code hash is computed before every job."""
-    modules = imported_by(
-        "from egosplat.pipeline.stages import STAGES, code_of; [code_of(name) for name in STAGES]"
-    )
+    code = "from egosplat.pipeline.stages import STAGES, code_of; [code_of(name) for name in STAGES]"
+    modules = imported_by(code)
     own = {one for one in modules if one.startswith("egosplat.")}
     assert own == {
         *("egosplat.errors", "egosplat.files", "egosplat.pipeline"),

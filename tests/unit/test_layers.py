@@ -56,10 +56,9 @@ def arrows_up(package: Path, rows: list[tuple[str, ...]]) -> list[str]:
 def test_the_table_names_every_room():
     """A new room has a row in docs/architecture.md; a room that is gone has none."""
     named = [room for row in layers((ROOT / "docs/architecture.md").read_text()) for room in row]
-    rooms = {
-        path.stem for path in PACKAGE.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()
-    }
-    assert sorted(named) == sorted(rooms - {"__init__"})
+    files = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__"}
+    folders = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    assert sorted(named) == sorted(files | folders)
 
 
 def test_imports_point_down():
@@ -77,18 +76,12 @@ def test_the_synthetic_world_imports_small_libraries_alone():
                 assert any(f"{below}.".startswith(f"{library}.") for library in libraries), f"{path}: {name}"
 
 
-def test_egosplat_imports_no_package_beside_it():
-    """Entry points name their stages by a string."""
-    assert not [
-        path for path in PACKAGE.rglob("*.py") if any(n.startswith("egosplat_") for n in imports_of(path))
-    ]
-
-
-def test_the_packages_beside_egosplat_do_not_import_each_other():
-    for package, other in ((APARTMENTS, "egosplat_rivals"), (RIVALS, "egosplat_apartments")):
-        assert not [
-            path for path in package.rglob("*.py") for name in imports_of(path) if name.startswith(other)
-        ]
+def test_packages_do_not_import_those_beside_them():
+    """Entry points name the stages of packages beside egosplat by a string."""
+    beside = {PACKAGE: ("egosplat_",), APARTMENTS: ("egosplat_rivals",), RIVALS: ("egosplat_apartments",)}
+    for package, others in beside.items():
+        names = {name: path for path in package.rglob("*.py") for name in imports_of(path)}
+        assert not {name: path for name, path in names.items() if name.startswith(others)}
 
 
 def test_no_stage_but_synthetic_reaches_the_synthetic_world():
