@@ -7,8 +7,7 @@ from tests.support.sightings import BACK, HERE, RATE, THERE, found, way
 
 
 @pytest.mark.numerics(
-    "a thing that moves in every frame of 1 s to 40 s",
-    outside="one carry without known start and end",
+    "a thing that moves in every frame of 1 s to 40 s", outside="one carry without known start and end"
 )
 @pytest.mark.parametrize("count", [5, 50, 200])
 def test_never_at_rest(count):

@@ -36,10 +36,7 @@ def box(left: int, top: int, right: int, low: int) -> np.ndarray:
     return mask
 
 
-@pytest.mark.numerics(
-    "tracks at a depth of 0, NaN, infinity or behind the camera",
-    outside="no carry",
-)
+@pytest.mark.numerics("tracks at a depth of 0, NaN, infinity or behind the camera", outside="no carry")
 @pytest.mark.parametrize("depth", [0.0, np.nan, np.inf, -np.inf, -1.0])
 def test_no_depth(depth):
     seen, carries = see(box(40, 30, 56, 42), np.full((18, 24), depth))
@@ -47,8 +44,7 @@ def test_no_depth(depth):
 
 
 @pytest.mark.numerics(
-    "place and size of tracks of which one pixel has a depth of 1e-6 to 1e9 m",
-    within=1e-12,
+    "place and size of tracks of which one pixel has a depth of 1e-6 to 1e9 m", within=1e-12
 )
 def test_depth_of_one_pixel(measured):
     for depth in 10.0 ** np.arange(-6, 10):

@@ -37,8 +37,7 @@ def test_a_constant_map(measured):
 
 
 @pytest.mark.numerics(
-    "a view without covered or valid pixels",
-    outside="score 0, no pixel, an empty mask, no position",
+    "a view without covered or valid pixels", outside="score 0, no pixel, an empty mask, no position"
 )
 @pytest.mark.parametrize(
     "nothing",

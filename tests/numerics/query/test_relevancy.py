@@ -37,11 +37,7 @@ def test_usual_temperatures(measured, exponent, seed):
     measured(float((relevancy(*given_) - papers(*given_)).abs().max()))
 
 
-@pytest.mark.numerics(
-    "temperatures of 1e2 to 1e4",
-    within=1e-3,
-    outside="up to 1e38 the result is 0 or 1",
-)
+@pytest.mark.numerics("temperatures of 1e2 to 1e4", within=1e-3, outside="up to 1e38 the result is 0 or 1")
 @given(exponent=st.floats(2, 4), seed=st.integers(0, 999))
 def test_high_temperatures(measured, exponent, seed):
     given_ = directions(seed, 60), directions(seed + 1, 5), directions(seed + 2, 4), 10.0**exponent
@@ -61,9 +57,7 @@ def test_a_query_that_is_canonical(measured, temperature):
 
 
 @pytest.mark.numerics(
-    "float16 and bfloat16 features, queries and phrases",
-    within=1e-3,
-    outside="computed in float32",
+    "float16 and bfloat16 features, queries and phrases", within=1e-3, outside="computed in float32"
 )
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16])
 @pytest.mark.parametrize("temperature", ENDS)
@@ -75,8 +69,7 @@ def test_half_precision(measured, dtype, temperature):
 
 
 @pytest.mark.numerics(
-    "features of 0, NaN, infinity, and lengths below 0.7 or above 1.3",
-    outside="relevancy 0",
+    "features of 0, NaN, infinity, and lengths below 0.7 or above 1.3", outside="relevancy 0"
 )
 @pytest.mark.parametrize("temperature", ENDS)
 @pytest.mark.parametrize("value", [0.0, float("nan"), float("inf"), -float("inf"), 1e-3, 1e30])

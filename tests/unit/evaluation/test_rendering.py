@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.evaluation.evaluation_frames import (
-    RegionScore,
-    region_scores,
-    regions,
-    summarise_rendering,
-)
+from egosplat.evaluation.evaluation_frames import RegionScore, region_scores, regions, summarise_rendering
 from egosplat.image_quality import ssim_map
 
 

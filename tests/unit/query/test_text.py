@@ -29,8 +29,7 @@ def test_phrases_have_directions_of_their_own(clip):
 
 
 @pytest.mark.parametrize(
-    "phrase, reason",
-    [(" ", "blank"), ("\u200b", "blank"), ("cup " * 200, "shorten it"), ("\udcff", "UTF-8")],
+    "phrase, reason", [(" ", "blank"), ("\u200b", "blank"), ("cup " * 200, "shorten it"), ("\udcff", "UTF-8")]
 )
 def test_invalid_phrases_are_reported(clip, phrase, reason):
     with pytest.raises(UserError, match=reason):
