@@ -16,6 +16,8 @@ from egosplat.query.views import View, answer_from_codes, pixel_position
 CAMERA = Camera(8, 6, 7.0, 7.0, 4.0, 3.0)
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))
 TEXTS = Texts(("cup",), torch.eye(4)[:1], torch.eye(4)[2:])
+UNSEEN = {"uncovered": {"coverage": torch.zeros(2, 6, 8)}, "invalid": {"valid": np.zeros((6, 8), bool)}}
+UNSEEN["NaN"] = {"coverage": torch.full((2, 6, 8), float("nan"))}
 
 
 def view(**changes: object) -> View:
@@ -39,15 +41,7 @@ def test_a_constant_map(measured):
 @pytest.mark.numerics(
     "a view without covered or valid pixels", outside="score 0, no pixel, an empty mask, no position"
 )
-@pytest.mark.parametrize(
-    "nothing",
-    [
-        {"coverage": torch.zeros(2, 6, 8)},
-        {"coverage": torch.full((2, 6, 8), float("nan"))},
-        {"valid": np.zeros((6, 8), bool)},
-    ],
-    ids=["uncovered", "NaN", "invalid"],
-)
+@pytest.mark.parametrize("nothing", UNSEEN.values(), ids=UNSEEN)
 def test_nothing_is_seen(nothing):
     (answer,) = answer_from_codes(view(**nothing), IDENTITY, TEXTS, LANGSPLAT)
     assert answer.score == 0 and answer.level is None and answer.pixel is None and answer.position is None

@@ -1,4 +1,4 @@
-"""``egosplat export``: a scene in the formats of other programs, read back by these or by libraries that know them."""
+"""``egosplat export``: a scene in formats of other programs, read back by these or by libraries; ``egosplat movie``."""
 
 import json
 import sys
@@ -14,6 +14,7 @@ from PIL import Image
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
+from egosplat.export.movie import way
 from tests.support.commands import run_command
 from tests.support.page_scene import CAMERA
 
@@ -33,14 +34,6 @@ def export(page_scene, monkeypatch, capfd):
 
 def poses(scene) -> np.ndarray:
     return open_artifact(scene / "poses.zarr", POSES).read("camera_to_world")[POSED]
-
-
-@pytest.mark.parametrize("codes", ["--codes", "--no-codes"])
-def test_gaussians_as_ply(export, tmp_path, codes):
-    status, said = export("--output", tmp_path / "x.ply", codes)
-    assert status == 0 and "700 Gaussians" in said
-    assert len(plyread(tmp_path / "x.ply").means) == 700
-    assert (b"code_whole_0" in (tmp_path / "x.ply").read_bytes()) == (codes == "--codes")
 
 
 def test_the_answer_to_a_query(export, tmp_path):
@@ -135,10 +128,12 @@ def test_colmap_cameras(page_scene, export, tmp_path):
     assert all((tmp_path / "x/images" / image.name).is_file() for image in images)
 
 
-def test_what_readers_of_gaussians_check(export, tmp_path):
+@pytest.mark.parametrize("codes", ["--codes", "--no-codes"])
+def test_what_readers_of_gaussians_check(export, tmp_path, codes):
     """SuperSplat and splat-transform: short header lines of known types, whole bands of SH, all values finite."""
-    status, said = export("--format", "ply", "--output", tmp_path / "x.ply")
-    assert status == 0, said
+    status, said = export("--output", tmp_path / "x.ply", codes)
+    assert status == 0 and "700 Gaussians" in said
+    assert len(plyread(tmp_path / "x.ply").means) == 700
     content = (tmp_path / "x.ply").read_bytes()
     head, mark, body = content.partition(b"\nend_header\n")
     assert content.startswith(b"ply\n") and mark and len(head) < 128 * 1024
@@ -149,14 +144,51 @@ def test_what_readers_of_gaussians_check(export, tmp_path):
     names = [name for _, name in properties]
     rest = [name for name in names if name.startswith("f_rest_")]
     assert rest == [f"f_rest_{one}" for one in range(len(rest))] and len(rest) in (0, 9, 24, 45)
-    needed = {*"xyz", "opacity", "f_dc_0", "f_dc_1", "f_dc_2", "scale_0", "scale_1", "scale_2"}
-    assert needed | {f"rot_{one}" for one in range(4)} <= {*names}
+    needed = {*"xyz", "opacity", *(f"rot_{one}" for one in range(4))}
+    assert needed | {f"{name}_{one}" for name in ("f_dc", "scale") for one in range(3)} <= {*names}
+    assert ("code_whole_0" in names) == (codes == "--codes")
     values = np.frombuffer(body, "<f4").reshape(-1, len(names))
     assert lines[3] == ["element", "vertex", str(len(values))] and np.isfinite(values).all()
 
 
-@pytest.mark.parametrize("format", ["ply", "spz", "instances", "nerfstudio", "colmap", "html"])
+@pytest.mark.parametrize("format", ["ply", "spz", "instances", "nerfstudio", "colmap", "html", None])
 def test_without_artifacts_one_line_says_what_is_missing(tmp_path, monkeypatch, capfd, format):
-    status, _, said = run_command(monkeypatch, capfd, "export", tmp_path, "--format", format)
-    assert status == 2 and "lacks" in said and "Traceback" not in said
-    assert not list(tmp_path.iterdir())
+    words = ("page", tmp_path) if format is None else ("export", tmp_path, "--format", format)
+    status, _, said = run_command(monkeypatch, capfd, *words)
+    assert status == 2 and "lacks" in said and said.count("\n") == 1 and not list(tmp_path.iterdir())
+
+
+@pytest.fixture
+def movie(page_scene, tmp_path, monkeypatch, capfd):
+    """``movie(*words)``: exit status, and what it said; the picture is ``x.webp``."""
+
+    def call(*words: object) -> tuple[int, str]:
+        given = (page_scene, *words, "--output", tmp_path / "x.webp", "--side", 64)
+        return run_command(monkeypatch, capfd, "movie", *given)[::2]
+
+    return call
+
+
+def test_the_picture_moves_and_the_answer_lights_up(movie, tmp_path):
+    status, said = movie("wall", "couch", "elephant")
+    assert status == 0, said
+    assert "elephant" in said and "left out" in said
+    with Image.open(tmp_path / "x.webp") as moving:
+        assert moving.size[0] == 64 < moving.size[1] and moving.n_frames > 8
+        moving.seek(moving.n_frames - 1)
+        last = np.asarray(moving.convert("RGB"))[:64].astype(int)
+    redness = last[..., 0] - last[..., 2]
+    assert redness[:, 16:36].mean() > redness[:, 44:].mean() + 20, "the couch is left of the wall"
+
+
+def test_without_an_answer_nothing_is_written(movie, tmp_path):
+    status, said = movie("elephant")
+    assert status == 2 and "no query has an answer" in said and not (tmp_path / "x.webp").exists()
+
+
+def test_the_way_follows_the_recording_and_leaves_out_frames_without_a_pose():
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[3] = np.nan
+    assert way(poses, 1, 5) == [2, 4, 5] and way(poses, 5, 1) == [4, 2, 1] and way(poses, 2, 2) == []
+    long = way(np.tile(np.eye(4), (100, 1, 1)), 0, 99)
+    assert len(long) == 16 and long[-1] == 99

@@ -3,7 +3,6 @@
 import contextlib
 import re
 import shutil
-from dataclasses import replace
 from types import SimpleNamespace
 
 import click
@@ -19,14 +18,15 @@ from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import find_history
 from egosplat.query.text import Texts
 from tests.support.commands import run_command
-from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_histories, put_page_scene
+from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_histories
 from tests.support.scenes import put
 from tests.support.sightings import make_rests
 
 TABLE, DESK, SHELF = np.eye(3)
-SECONDS = np.arange(100.0)
+SECONDS, NO_LINK = np.arange(100.0), (-1, -1, -1)
 # Axes of features: a cup, a box, a hand, and any object.
 CUP, BOX, HAND, OBJECT = torch.eye(4)
+NOTHING = torch.zeros(4)
 
 
 def carried(from_s, until_s, start, end):
@@ -79,72 +79,68 @@ def test_a_time_that_is_none_is_an_error():
     assert [clock(second) for second in (0, 9.99, 65, 3600)] == ["0:00", "0:09", "1:05", "60:00"]
 
 
-def carries_of(count, step=10):
-    """The carries of histories.zarr, in turn at 0, 10, 20 ... s for five seconds each, or at once."""
-    first = step * np.arange(count)
+def history(rests, links, features=(CUP,), query=CUP, step=10, **changes):
+    """What a query means was carried, of a scene whose words are cup, box and hand.
+
+    Args:
+        rests: (thing, first second, last second, place) of each.
+        links: (thing, rest before, rest after) of each carry, in turn at 0, ``step`` ... s for five seconds.
+    """
+    first, count = step * np.arange(len(links)), len(links)
     arrays = {"first_frame": first, "last_frame": first + 5, "best_frame": first}
     arrays |= {"size": np.full(count, 0.1), "box": np.zeros((count, 4), np.int32)}
-    return SimpleNamespace(read=lambda name: arrays[name.removeprefix("carries/")])
-
-
-def rests_of(rests, carries, features):
-    """(thing, first frame, last frame, place) of each rest, (thing, rest before, rest after) of each carry."""
-    things, first, last = np.array([one[:3] for one in rests], int).reshape(-1, 3).T
-    features = torch.tensor(features, dtype=torch.float32).reshape(-1, 4)
-    center = np.array([one[3] for one in rests], float).reshape(-1, 3)
-    links = np.array(carries, np.int32).reshape(-1, 3).T
-    spans = SECONDS[first], SECONDS[last]
-    return make_rests(things, *spans, features, center=center, frame=first, links=links)
-
-
-def history_of_things(carries, rests, query=CUP):
-    """What a query means was carried, of a scene whose words are cup, box and hand."""
+    carries = SimpleNamespace(read=lambda name: arrays[name.removeprefix("carries/")])
+    things, begins, ends = np.array([one[:3] for one in rests], int).reshape(-1, 3).T
+    changes |= {"center": np.array([one[3] for one in rests], float).reshape(-1, 3), "frame": begins}
+    changes["links"] = np.array(links, np.int32).reshape(-1, 3).T
+    made = make_rests(
+        things, SECONDS[begins], SECONDS[ends], torch.stack([NOTHING, *features])[1:], **changes
+    )
     words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
-    made = Histories(carries, rests, SECONDS)
-    return find_history(made, Texts(("it",), query[None], OBJECT[None]), words, 10.0)
+    asked = Texts(("it",), query[None], OBJECT[None])
+    return find_history(Histories(carries, made, SECONDS), asked, words, 10.0)
 
 
-def told(features, query=CUP):
+def spans(*given, **more):
+    return [(one.from_s, one.until_s) for one in history(*given, **more)]
+
+
+def told(*features, query=CUP):
     """When what a query means was taken up [s], of things each carried from table to desk, in turn at 0, 10, 20 ... s."""
     rests, links = [], []
     for thing, first in enumerate(10 * np.arange(len(features))):
         rests += [(thing, first, first, TABLE), (thing, first + 5, first + 5, DESK)]
         links.append((thing, 2 * thing, 2 * thing + 1))
-    carries = carries_of(len(features))
-    return [one.from_s for one in history_of_things(carries, rests_of(rests, links, features), query)]
+    return [one.from_s for one in history(rests, links, features, query)]
 
 
-def mixed(*parts):
-    return torch.nn.functional.normalize(sum(share * axis for share, axis in parts), dim=0).tolist()
+def mixed(share, other):
+    """A cup by this share, else another thing."""
+    return torch.nn.functional.normalize(share * CUP + (1 - share) * other, dim=0)
 
 
 def test_only_what_looks_most_like_the_query_is_its_history():
-    cup, box = CUP.tolist(), mixed((0.4, CUP), (0.6, BOX))
-    assert told([box, mixed((0.6, CUP), (0.4, HAND)), cup]) == [20.0]
-    assert told([box, mixed((0.6, CUP), (0.4, HAND))]) == [10.0]
-    assert told([box]) == [] and told([mixed((0.4, CUP), (0.6, OBJECT))]) == [], "like any object"
+    box, half = mixed(0.4, BOX), mixed(0.6, HAND)
+    assert told(box, half, CUP) == [20.0] and told(box, half) == [10.0]
+    assert told(box) == told(mixed(0.4, OBJECT)) == told() == told(NOTHING) == []
     # The masks of a cup show more of the hand that holds it; nobody carries a hand about.
-    assert told([mixed((0.4, CUP), (0.6, HAND))]) == [0.0] and told([HAND.tolist()], HAND) == []
-    assert told([]) == [] and told([[0.0] * 4]) == []
+    assert told(mixed(0.4, HAND)) == [0.0] and told(HAND, query=HAND) == []
     for count in (0, 1):
-        assert history_of_things(carries_of(count), rests_of([], [(-1, -1, -1)] * count, [])) == ()
+        assert history([], [NO_LINK] * count, ()) == ()
 
 
 def test_of_carries_at_one_time_the_longest_stays():
-    """Two tracks end where one thing is put down."""
-    carries = carries_of(2, step=3)
-    rests = rests_of([(0, 9, 20, DESK)], [(0, -1, 0), (0, -1, 0)], [CUP.tolist()])
-    assert [one.from_s for one in history_of_things(carries, rests)] == [0.0]
+    # Two tracks end where one thing is put down.
+    [(first, _)] = spans([(0, 9, 20, DESK)], [(0, -1, 0), (0, -1, 0)], step=3)
+    assert first == 0.0
     # Frames may show a thing at its new place before it has left all frames of the old one: it is carried between these times.
-    rests = rests_of([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)], [CUP.tolist()])
-    [one] = history_of_things(carries_of(1), rests)
-    assert (one.from_s, one.until_s) == (3, 4)
+    assert spans([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)]) == [(3, 4)]
 
 
-def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
-    put_page_scene(tmp_path)
-    put_histories(tmp_path)
-    scene = open_scene(tmp_path, min_score=0.7)
+def test_a_scene_tells_the_history_of_an_answer(tmp_path, page_scene, monkeypatch, capfd):
+    folder = shutil.copytree(page_scene, tmp_path / "scene")
+    put_histories(folder)
+    scene = open_scene(folder, min_score=0.7)
     cup, couch = scene.ask("cup", "couch")
     [carried] = cup.history
     np.testing.assert_array_equal([carried.start, carried.end], [TAKEN_UP, PUT_DOWN])
@@ -153,7 +149,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     assert carried.score > 0.5 and couch.history == () and couch.at(0.0) is None
 
     def table(*words):
-        given = ("query", tmp_path, "cup", "couch", *words, "--overwrite")
+        given = ("query", folder, "cup", "couch", *words, "--overwrite")
         _, out, err = run_command(monkeypatch, capfd, *given)
         return out.split("\n\n")[1].splitlines()[:-1] if "\n\n" in out else err
 
@@ -163,7 +159,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
     ]
     assert re.split(r"\s{2,}", table("--at", "0:0.3")[1]) == ["cup", "1.00, 0.00, 2.00", "since 0:00"]
     assert "give seconds, as 65" in table("--at", "soon")
-    _, out, _ = run_command(monkeypatch, capfd, "query", tmp_path, "couch", "--at", 0, "--overwrite")
+    _, out, _ = run_command(monkeypatch, capfd, "query", folder, "couch", "--at", 0, "--overwrite")
     assert "nothing of this was carried, as far as is known" in out
     assert "the recording ends at 0:00" in table("--at", "0:01")
     assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")
@@ -171,10 +167,8 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, monkeypatch, capfd):
 
 
 def test_a_thing_with_rests_is_told_from_rest_to_rest():
-    carries = carries_of(3)
     places = [(0, 0, 1, TABLE), (0, 6, 9, DESK), (0, 17, 30, SHELF)]
-    rests = rests_of(places, [(0, 0, 1), (0, 1, 2), (-1, -1, -1)], [CUP.tolist()])
-    told = history_of_things(carries, rests)
+    told = history(places, [(0, 0, 1), (0, 1, 2), NO_LINK])
     assert [(one.from_s, one.until_s) for one in told] == [(1, 6), (9, 17)]
     assert [place_at(told, second).carried for second in (1, 3, 7, 9, 20)] == [True, True, False, True, False]
     for second, position in ((0, TABLE), (7, DESK), (18, SHELF), (50, SHELF)):
@@ -183,28 +177,23 @@ def test_a_thing_with_rests_is_told_from_rest_to_rest():
 
 def test_a_place_that_is_seen_empty_or_that_a_track_alone_tells_is_not_known():
     """It lay on the table from second 6 to 9: seconds 3 and 14 show the table without it, and no carry is known."""
-    rests = rests_of([(0, 6, 9, TABLE)], [(-1, -1, -1)], [CUP.tolist()])
-    rests = replace(rests, absent_s=np.array([[3.0], [14.0]]))
-    told = history_of_things(carries_of(1), rests)
+    told = history([(0, 6, 9, TABLE)], [NO_LINK], absent_s=np.array([[3.0], [14.0]]))
     assert [(one.from_s, one.until_s) for one in told] == [(3, 6), (9, 14)]
     places = [place_at(told, second).position for second in (1, 5, 7, 12, 20)]
     assert [place is not None for place in places] == [False, False, True, False, False]
     assert place_at(told, 5).told == "not known since 0:03, until 0:06", "a hand may only have hidden it"
     # The track ends at the desk, and no frame shows the thing at rest there.
-    rests = rests_of([(0, 0, 4, TABLE)], [(0, 0, -1)], [CUP.tolist()])
-    [one] = history_of_things(carries_of(1), rests)
+    [one] = history([(0, 0, 4, TABLE)], [(0, 0, -1)])
     assert one.start_is_known and not one.end_is_known
 
 
 def test_a_history_is_of_the_thing_that_fits_best():
     """Two cups are two things; a carry of no thing that rests is told by nobody, nor one that would join two."""
-    better, worse = mixed((0.9, CUP), (0.1, HAND)), mixed((0.7, CUP), (0.3, HAND))
-    carries = carries_of(4)
-    links = [(0, -1, 0), (1, -1, 1), (-1, -1, -1), (0, 0, -1)]
-    rests = rests_of([(0, 6, 9, TABLE), (1, 16, 19, DESK)], links, [worse, better])
-    assert [one.until_s for one in history_of_things(carries, rests)] == [16]
-    rests = replace(rests, feature=rests.feature * torch.tensor([[1.0], [0.0]]))
-    told = history_of_things(carries, rests)
+    rests = [(0, 6, 9, TABLE), (1, 16, 19, DESK)]
+    links = [(0, -1, 0), (1, -1, 1), NO_LINK, (0, 0, -1)]
+    worse = mixed(0.7, HAND)
+    assert [until for _, until in spans(rests, links, (worse, mixed(0.9, HAND)))] == [16]
+    told = history(rests, links, (worse, NOTHING))
     assert [(one.from_s, one.until_s) for one in told] == [(0, 6), (9, 35)]
     assert place_at(told, 7).position.tolist() == TABLE.tolist()
 
@@ -233,15 +222,15 @@ def test_spans_outside_of_the_recording_are_damaged(tmp_path, page_scene, change
 
 
 @pytest.mark.parametrize("made_from", ["other Gaussians", "another OpenCLIP"])
-def test_histories_of_something_else_tell_nothing(tmp_path, made_from):
+def test_histories_of_something_else_tell_nothing(tmp_path, page_scene, made_from):
     """Places of before the Gaussians were trained again may be wrong; other features compare with no word."""
-    put_page_scene(tmp_path)
+    folder = shutil.copytree(page_scene, tmp_path / "scene")
     if made_from == "another OpenCLIP":
-        put_histories(tmp_path, things__feature=np.full((1, 3), 3**-0.5, np.float32))
+        put_histories(folder, things__feature=np.full((1, 3), 3**-0.5, np.float32))
     else:
         nothing = {"carries/feature": np.zeros((0, 4), np.float32)}
-        put(tmp_path, "histories", nothing, inputs={"splats.zarr": "0" * 64})
-    scene = open_scene(tmp_path)
+        put(folder, "histories", nothing, inputs={"splats.zarr": "0" * 64})
+    scene = open_scene(folder)
     assert scene.histories is None and scene.ask("cup")[0].history == ()
     assert (scene.rests is None) == (made_from == "other Gaussians")
 

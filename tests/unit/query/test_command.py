@@ -94,29 +94,24 @@ def test_what_is_not_there_is_rejected(word_scene, query):
     assert columns(couch)[1] == "found" and columns(couch)[3] == "whole"
 
 
-@pytest.mark.parametrize(
-    "limits, cup, basketball",
-    [
-        ({"found": 0.6, "guess": 0.3}, "found", "not found"),
-        ({"found": 1.01, "guess": 0.3}, "best guess", "not found"),
-        ({"found": 1.01, "guess": 0.0}, "best guess", "best guess"),
-        ({"found": 1.01, "guess": 1.01}, "not found", "not found"),
-    ],
-)
-def test_a_best_guess_has_its_place_and_not_found_has_none(
-    word_scene, query, fitted, limits, cup, basketball
-):
-    fitted(**limits)
+def test_a_best_guess_has_its_place_and_not_found_has_none(word_scene, query, fitted):
     folder = word_scene()
-    status, out, err = query(folder, "cup", "basketball")
-    assert status == 0, err
-    for line, grade in zip(out.splitlines()[2:4], (cup, basketball), strict=True):
-        assert columns(line)[1].startswith(grade) and (len(columns(line)) == 7) is (grade != "not found")
-    answers = open_scene(folder, device="cpu").ask("cup", "basketball")
-    assert [one.grade for one in answers] == [cup, basketball]
-    assert all(bool(one.things) is (one.refusal is None) is (one.grade != "not found") for one in answers)
-    assert all(0 < one.probability < 1 and one.candidates for one in answers)
-    assert answers[0].probability > answers[1].probability
+    for found, guess, grades in (
+        (0.6, 0.3, ["found", "not found"]),
+        (1.01, 0.3, ["best guess", "not found"]),
+        (1.01, 0.0, ["best guess", "best guess"]),
+        (1.01, 1.01, ["not found", "not found"]),
+    ):
+        fitted(found, guess)
+        status, out, err = query(folder, "cup", "basketball", "--overwrite")
+        assert status == 0, err
+        for line, grade in zip(map(columns, out.splitlines()[2:4]), grades, strict=True):
+            assert line[1].startswith(grade) and (len(line) == 7) is (grade != "not found")
+        answers = open_scene(folder, device="cpu").ask("cup", "basketball")
+        assert [one.grade for one in answers] == grades
+        assert all(bool(one.things) is (one.refusal is None) is (one.grade != "not found") for one in answers)
+        assert all(0 < one.probability < 1 and one.candidates for one in answers)
+        assert answers[0].probability > answers[1].probability
 
 
 def test_things_of_a_lower_grade_are_not_listed_with_those_that_are_found(word_scene, fitted):

@@ -100,14 +100,12 @@ def test_the_threshold_is_relative_and_not_included():
     assert mask_of(raw, smooth).tolist() == [[False, False, False, True]]
 
 
-def test_constants_stay_constant_to_the_last_bit_and_a_side_of_one_changes_nothing():
-    constant, values = np.full((50, 60), 0.3, np.float32), np.eye(9, 8, dtype=np.float32)
+def test_constants_stay_constant_to_the_last_bit():
+    constant = np.full((50, 60), 0.3, np.float32)
     np.testing.assert_array_equal(box_filter(constant, 30), constant)
-    np.testing.assert_array_equal(box_filter(values, 1), values)
-    np.testing.assert_array_equal(majority(values > 0.5, 1), values > 0.5)
 
 
-@pytest.mark.parametrize("size", [3, 7])
+@pytest.mark.parametrize("size", [1, 3, 7])
 def test_the_majority_counts_visible_pixels_only(size):
     mask, half = np.random.default_rng(0).random((20, 17)) > 0.5, size // 2
     found = majority(mask, size)

@@ -22,7 +22,6 @@ from egosplat.viewing.gaussians import (
     to_bytes,
 )
 from egosplat.viewing.html import pack, unpack
-from tests.support.commands import run_command
 from tests.support.page_scene import (
     TITLE,
     contents_of,
@@ -134,12 +133,3 @@ def test_rests_follow_what_stays(tmp_path, page_scene, spans):
         np.testing.assert_array_equal(arrays[name], before[1][name])
     assert before[0]["rests"] == [] and before[0]["count"] == before[0]["drawn"] == 700
     assert [len(carries) for carries in facts["carried_things"]] == ([1] if spans else [])
-
-
-def test_a_scene_without_language_gets_one_line(tmp_path, page_scene, capfd, monkeypatch):
-    folder = shutil.copytree(
-        page_scene, tmp_path / "scene", ignore=lambda *_: ["language.zarr", "scene.html"]
-    )
-    status, _, said = run_command(monkeypatch, capfd, "page", folder)
-    assert status == 2 and "language.zarr" in said and said.count("\n") == 1
-    assert not (folder / "scene.html").exists()
