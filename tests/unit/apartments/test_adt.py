@@ -158,7 +158,7 @@ def test_the_folder_is_complete(folder, provider):
     assert provider.get_eyegaze_by_timestamp_ns(FRAMES[1].capture_ns).data().yaw == 0.0
 
 
-def test_pictures_exposures_and_gains_are_read_back(provider):
+def test_what_is_written_of_each_frame_is_read_back(provider, people):
     captures = provider.get_aria_device_capture_timestamps_ns(RGB)
     assert captures == [frame.capture_ns for frame in FRAMES]
     for number, frame in enumerate(FRAMES):
@@ -168,18 +168,16 @@ def test_pictures_exposures_and_gains_are_read_back(provider):
         assert error.max() <= 16 and error.mean() < 2
         record = provider.raw_data_provider_ptr().get_image_data_by_index(RGB, number)[1]
         assert (record.exposure_duration, record.gain) == (frame.exposure_s, frame.gain)
-
-
-def test_labels_and_depth_are_exact(provider, people):
-    for frame in FRAMES:
         view = frame.with_people if people else frame.without_people
         labels = provider.get_segmentation_image_by_timestamp_ns(frame.capture_ns, RGB)
         depth = provider.get_depth_image_by_timestamp_ns(frame.capture_ns, RGB)
+        skeleton = provider.get_skeleton_by_timestamp_ns(frame.capture_ns, PERSON)
         late = ground_truth_ns(frame.capture_ns) - frame.capture_ns
-        assert all(found.is_valid() and found.dt_ns() == late for found in (labels, depth))
+        assert all(truth.is_valid() and truth.dt_ns() == late for truth in (labels, depth, skeleton))
         assert labels.data().to_numpy_array().dtype == np.uint64
         np.testing.assert_array_equal(labels.data().to_numpy_array(), view.segmentation)
         np.testing.assert_array_equal(depth.data().to_numpy_array(), view.depth_mm)
+        np.testing.assert_allclose(skeleton.data().joints, frame.skeletons[PERSON], rtol=0, atol=1e-12)
 
 
 def test_instances_are_read_with_their_categories(provider):
@@ -195,7 +193,7 @@ def test_instances_are_read_with_their_categories(provider):
         assert found.rigidity_type == (RigidityType.DEFORMABLE if human else RigidityType.RIGID)
 
 
-def test_object_poses_and_3d_boxes_are_read_back(provider):
+def test_poses_and_boxes_of_objects_are_read_back(provider, people):
     static = make_sequence().world_from_static
     for frame in FRAMES:
         found = provider.get_object_3d_boundingboxes_by_timestamp_ns(frame.capture_ns)
@@ -206,10 +204,7 @@ def test_object_poses_and_3d_boxes_are_read_back(provider):
             np.testing.assert_allclose(box.transform_scene_object.to_matrix(), pose, rtol=0, atol=1e-12)
             bounds = next(one.bounds for one in INSTANCES if one.instance_id == uid)
             assert box.aabb.tolist() == bounds.T.ravel().tolist()  # xmin, xmax, ymin, ...
-
-
-def test_2d_boxes_surround_the_pixels_of_their_object(provider, people):
-    for frame in FRAMES:
+        # In the picture, boxes surround the pixels of their object.
         view = frame.with_people if people else frame.without_people
         boxes = provider.get_object_2d_boundingboxes_by_timestamp_ns(frame.capture_ns, RGB).data()
         boxes |= provider.get_skeleton_2d_boundingboxes_by_timestamp_ns(frame.capture_ns, RGB).data()
@@ -218,13 +213,6 @@ def test_2d_boxes_surround_the_pixels_of_their_object(provider, people):
             rows, columns = np.nonzero(view.segmentation == uid)
             assert box.box_range.tolist() == [columns.min(), columns.max(), rows.min(), rows.max()]
             assert box.visibility_ratio == pytest.approx(view.visibility[uid], rel=1e-6)
-
-
-def test_skeletons_are_read_back(provider):
-    for frame in FRAMES:
-        found = provider.get_skeleton_by_timestamp_ns(frame.capture_ns, PERSON)
-        assert found.dt_ns() == ground_truth_ns(frame.capture_ns) - frame.capture_ns
-        np.testing.assert_allclose(found.data().joints, frame.skeletons[PERSON], rtol=0, atol=1e-12)
 
 
 def test_the_ground_truth_trajectory_is_the_motion_of_the_device(provider):
@@ -306,14 +294,14 @@ def dying_frames():
     raise RuntimeError("the renderer died")
 
 
+def first_with(**changes):
+    return lambda: iter([replace(make_frame(0), **changes)])
+
+
 def undeclared_frames():
     frame = make_frame(0)
     frame.with_people.segmentation[20, 20] = 77
     yield frame
-
-
-def first_with(**changes):
-    return lambda: iter([replace(make_frame(0), **changes)])
 
 
 @pytest.mark.parametrize(
@@ -337,8 +325,7 @@ def test_a_failed_write_leaves_nothing(tmp_path, frames, error):
 
 
 def test_an_existing_folder_is_not_changed(tmp_path):
-    (tmp_path / "tiny").mkdir()
-    (tmp_path / "tiny" / "precious").write_text("x")
+    (tmp_path / "tiny/precious").mkdir(parents=True)
     with pytest.raises(UserError, match="exists already"):
         write_sequence(make_sequence(), tmp_path / "tiny")
     assert [path.name for path in tmp_path.rglob("*")] == ["tiny", "precious"]
@@ -348,10 +335,6 @@ def header(path: Path) -> list[str]:
     return pd.read_csv(path, nrows=0).columns.tolist()
 
 
-def keys(path: Path) -> set[str]:
-    return set(json.loads(path.read_text()))
-
-
 def test_file_names_equal_those_of_the_real_recording(folder, real_data):
     real = real_data("adt_sample")
     tables = [path.name for path in real.glob("*.csv")]
@@ -359,10 +342,11 @@ def test_file_names_equal_those_of_the_real_recording(folder, real_data):
     for name in tables:
         assert header(folder / name) == header(real / name), name
     assert header(folder / "mps/slam/closed_loop_trajectory.csv") == header(real / "aria_trajectory.csv")
-    assert keys(folder / "metadata.json") == keys(real / "metadata.json") | {"origin"}
-    assert keys(folder / "Skeleton_T.json") == keys(real / "Skeleton_T.json")
-    ours, theirs = (json.loads((path / "instances.json").read_text()) for path in (folder, real))
-    assert set(ours[str(PERSON)]) == set(theirs[str(PERSON)])
+    for name, added in (("metadata.json", {"origin"}), ("Skeleton_T.json", set()), ("instances.json", set())):
+        ours, theirs = (json.loads((path / name).read_text()) for path in (folder, real))
+        if name == "instances.json":
+            ours, theirs = ours[str(PERSON)], theirs[str(PERSON)]
+        assert set(ours) == set(theirs) | added, name
     names = [{path.name for path in root.glob("*.*")} for root in (real, folder)]
     assert names[0] - names[1] == {"synthetic_video.vrs"}
 

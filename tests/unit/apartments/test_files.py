@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from projectaria_tools.core.calibration import CameraCalibration, device_calibration_from_json_string
+from projectaria_tools.core.calibration import device_calibration_from_json_string
 
 from egosplat_apartments.adt_format.aria import (
     RGB_LABEL,
@@ -19,13 +19,9 @@ WIDTH, HEIGHT = 20, 12
 TAGS = {"device_type": "Aria", "origin": "a test"}
 
 
-def depth_stream():
-    shape = {"image_width": WIDTH, "image_height": HEIGHT, "image_stride": WIDTH * 2}
-    return ImageStream(345, 1, "Ground Truth Depth Data Class", "", "raw", True, shape)
-
-
 def write(path, times_ns):
-    stream = depth_stream()
+    shape = {"image_width": WIDTH, "image_height": HEIGHT, "image_stride": WIDTH * 2}
+    stream = ImageStream(345, 1, "Ground Truth Depth Data Class", "", "raw", True, shape)
     with create_vrs(path, TAGS, [stream]) as file:
         for number, time in enumerate(times_ns):
             exposed = {"frame_number": number, "exposure_s": 0.004, "gain": 1.5}
@@ -39,19 +35,15 @@ def test_record_chain_leads_from_the_header_to_the_end(tmp_path):
     magic, header_size, record_header_size, index_at, description_at, first_at = struct.unpack_from(
         "<8s8xIIqqq", content
     )
-    assert magic == b"VisionRe"
-    assert (header_size, record_header_size) == (80, 32)
+    assert (magic, header_size, record_header_size) == (b"VisionRe", 80, 32)
     position, before, chain = header_size, 0, []
     while position < len(content):
         size, previous, type_id = struct.unpack_from("<IIi", content, position)
         assert previous == before
         chain.append((position, type_id))
         position, before = position + size, size
-    assert position == len(content)
-    assert chain[0] == (description_at, 2)
-    assert chain[1] == (first_at, 345)
-    assert chain[-1] == (index_at, 1)
-    assert len(chain) == 3 + 1 + 2
+    assert position == len(content) and len(chain) == 3 + 1 + 2
+    assert (chain[0], chain[1], chain[-1]) == ((description_at, 2), (first_at, 345), (index_at, 1))
 
 
 def test_records_out_of_order_are_rejected(tmp_path):
@@ -67,18 +59,7 @@ def test_layout_packs_numbers_then_strings():
     assert np.isnan(struct.unpack_from("<Id", layout.pack({}))[1])
 
 
-SIZES = [64, 352, 500, 512, 704, 1408]
-
-
-def pixels_in_lens_circle(calibration: CameraCalibration) -> np.ndarray:
-    size = calibration.get_image_size()[0]
-    axis = np.linspace(0, size - 1, 25)
-    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    distance = np.linalg.norm(grid - calibration.get_principal_point(), axis=1)
-    return grid[distance <= calibration.get_valid_radius() - 1e-6]
-
-
-@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.parametrize("size", [64, 352, 500, 512, 704, 1408])
 def test_calibration_round_trips_through_json(size):
     written = camera_calibration(size)
     read = device_calibration_from_json_string(calibration_json(size)).get_camera_calib(RGB_LABEL)
@@ -87,7 +68,10 @@ def test_calibration_round_trips_through_json(size):
     assert read.get_max_solid_angle() == written.get_max_solid_angle()
     pose = read.get_transform_device_camera().to_matrix()
     np.testing.assert_allclose(pose, device_from_camera(), rtol=0, atol=1e-12)
-    for pixel in pixels_in_lens_circle(written):
+    axis = np.linspace(0, size - 1, 25)
+    grid = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    distance = np.linalg.norm(grid - written.get_principal_point(), axis=1)
+    for pixel in grid[distance <= written.get_valid_radius() - 1e-6]:
         ray = written.unproject_no_checks(pixel)
         np.testing.assert_allclose(read.unproject_no_checks(pixel), ray, rtol=0, atol=1e-9)
         np.testing.assert_allclose(read.project_no_checks(ray), pixel, rtol=0, atol=1e-9 * size)

