@@ -9,11 +9,11 @@ from egosplat.alarms.artifact_alarms import alarms_of
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import POSES, SCHEMAS
-from egosplat.gaussians.model import Gaussians
 from egosplat.instances import geometry, stage
 from egosplat.instances.lifted_masks import lift_masks
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs
+from tests.support.blobs import blobs
 from tests.unit.instances.conftest import CAMERA, FRAMES, SIZE, camera_positions, options
 
 
@@ -111,25 +111,16 @@ def diverge(monkeypatch, chosen, value):
     ],
 )
 def test_gaussians_that_are_not_finite(measured, name, value):
-    count = 200
-    rng = np.random.default_rng(0)
-    means = rng.uniform([-1, -1, 1.9], [1, 1, 2.1], (2 * count, 3))
-    values = {
-        "means": torch.from_numpy(means).float(),
-        "quats": torch.tensor([1.0, 0.0, 0.0, 0.0]).repeat(2 * count, 1),
-        "log_scales": torch.full((2 * count, 3), -2.5),
-        "logit_opacities": torch.ones(2 * count),
-        "sh": torch.zeros(2 * count, 1, 3),
-        "features": torch.zeros(2 * count, 0),
-    }
-    values[name][::2] = value
-    some, labels = Gaussians(**values), np.zeros((1, SIZE, SIZE), np.int32)
+    means = np.random.default_rng(0).uniform([-1, -1, 1.9], [1, 1, 2.1], (400, 3)).tolist()
+    some, labels = blobs(means, [0.73] * 400, size=0.08), np.zeros((1, SIZE, SIZE), np.int32)
+    getattr(some, name)[::2] = value
     labels[:, :, SIZE // 2 :] = 1
     settings = geometry._settings(options())
     place = np.zeros(1, np.int64), np.eye(4)[None], CAMERA, settings
-    found = lift_masks(some, lambda frame: (labels, np.ones((SIZE, SIZE), bool)), *place)
-    fewer = some.select(torch.arange(2 * count) % 2 == 1)
-    expected = lift_masks(fewer, lambda frame: (labels, np.ones((SIZE, SIZE), bool)), *place)
+    fewer = some.select(torch.arange(400) % 2 == 1)
+    found, expected = (
+        lift_masks(each, lambda _: (labels, np.ones((SIZE, SIZE), bool)), *place) for each in (some, fewer)
+    )
     assert not found.seen[:, ::2].nnz and not found.votes[::2].nnz
     measured(np.abs((found.seen[:, 1::2] - expected.seen).toarray()).max())
     shown, alone = (

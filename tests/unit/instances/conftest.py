@@ -24,9 +24,7 @@ def options(**changes: object) -> InstancesOptions:
     return InstancesOptions(**{"source": "masks", "iterations": 20, "resolution": SIZE} | changes)
 
 
-def lifted(
-    held: list[list[int]], frames: list[int], seen: list[list[int]], instance: list[int] | None = None
-):
+def lifted(held: list[list[int]], frames: list[int], seen: list[list[int]], instance=None) -> LiftedMasks:
     """Masks that hold Gaussians completely, in frames that see Gaussians with a weight of 1 px each."""
     count = 1 + max(max(one) for one in seen)
     votes = np.zeros((count, len(held)), np.float32)
@@ -36,10 +34,8 @@ def lifted(
     for frame, members in enumerate(seen):
         weight[frame, members] = 1.0
     names = np.arange(len(held)) if instance is None else np.array(instance)
-    rows = np.arange(len(seen))
-    return LiftedMasks(
-        names, np.array(frames, np.int64), rows, sparse.csc_array(votes), sparse.csr_array(weight)
-    )
+    frame, rows = np.array(frames, np.int64), np.arange(len(seen))
+    return LiftedMasks(names, frame, rows, sparse.csc_array(votes), sparse.csr_array(weight))
 
 
 def truth_of_wall() -> np.ndarray:
@@ -57,6 +53,14 @@ def camera_positions() -> np.ndarray:
     return np.linspace(-0.5, 0.5, FRAMES)
 
 
+def marked(truth: np.ndarray) -> np.ndarray:
+    """(F, 2, H, W) labels of the wall's masks in every second frame, each an instance of its own."""
+    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    for frame in range(0, FRAMES, 2):
+        labels[frame, 1] = truth[frame] + frame
+    return labels
+
+
 def masks_of_wall(folder: Path, facts: dict[str, object] | None = None, **changes: np.ndarray) -> Path:
     """Put frames, poses and segments; each mask of every second frame is an instance of its own."""
     truth = truth_of_wall()
@@ -64,9 +68,6 @@ def masks_of_wall(folder: Path, facts: dict[str, object] | None = None, **change
     poses[:, 0, 3] = camera_positions()
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-2, 2, 800), rng.uniform(-1.5, 1.5, 800), np.full(800, DISTANCE)])
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    for frame in range(0, FRAMES, 2):
-        labels[frame, 1] = truth[frame] + frame
     arrays = {
         "rgb": COLORS[truth],
         "train": np.arange(FRAMES) != 5,
@@ -74,7 +75,7 @@ def masks_of_wall(folder: Path, facts: dict[str, object] | None = None, **change
         "intrinsics": CAMERA.matrix,
         "points/xyz": points,
         "points/rgb": COLORS[(points[:, 0] > 0).astype(int)],
-        "labels": labels,
+        "labels": marked(truth),
         "instances/level": np.ones(FRAMES, np.int8),
     }
     about = camera_facts(CAMERA, levels=["part", "whole"]) | (facts or {})

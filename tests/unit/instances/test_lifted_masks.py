@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.gaussians.render import RenderSettings, view_of
+from egosplat.gaussians.render import view_of
 from egosplat.geometry import Camera
 from egosplat.instances.lifted_masks import LiftedMasks, lift_masks
 from egosplat.rasterize.view import composite
 from tests.support.blobs import blobs
+from tests.unit.conftest import RENDERING
 
 CAMERA = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 LEFT, RIGHT, WHOLE = 3, 5, 9
 
 # Left of the border, and half of it on the right; on the right; on the right behind an opaque one; out of view.
@@ -22,12 +22,12 @@ def lifted(counted: np.ndarray | None = None) -> LiftedMasks:
     labels = np.full((2, 24, 32), WHOLE, np.int32)
     labels[0, :, :16], labels[0, :, 16:] = LEFT, RIGHT
     counts = np.ones((24, 32), bool) if counted is None else counted
-    return lift_masks(WALL, lambda _: (labels, counts), np.array([7]), np.eye(4)[None], CAMERA, SETTINGS)
+    return lift_masks(WALL, lambda _: (labels, counts), np.array([7]), np.eye(4)[None], CAMERA, RENDERING)
 
 
 def weights() -> np.ndarray:
     """(4,) summed compositing weights of the Gaussians."""
-    return composite(view_of(WALL, CAMERA, np.eye(4), SETTINGS), torch.eye(4))[0].sum(dim=(0, 1)).numpy()
+    return composite(view_of(WALL, CAMERA, np.eye(4), RENDERING), torch.eye(4))[0].sum(dim=(0, 1)).numpy()
 
 
 def test_all_weight_goes_to_the_mask_at_the_center():
@@ -45,8 +45,8 @@ def test_what_a_surface_hides_at_its_center_is_not_seen():
     hidden = blobs([[0, 0, 4], [0, 0, 2], [0, 0, 2.1]], [0.9, 0.9999, 0.9999], size=0.3)
     labels = np.full((1, 24, 32), LEFT, np.int32)
     look = lambda _: (labels, np.ones((24, 32), bool))
-    found = lift_masks(hidden, look, np.array([0]), np.eye(4)[None], CAMERA, SETTINGS)
-    image, _ = composite(view_of(hidden, CAMERA, np.eye(4), SETTINGS), torch.eye(3))
+    found = lift_masks(hidden, look, np.array([0]), np.eye(4)[None], CAMERA, RENDERING)
+    image, _ = composite(view_of(hidden, CAMERA, np.eye(4), RENDERING), torch.eye(3))
     assert float(image[..., 0].sum()) > 0.05
     assert found.seen[0, 0] == 0 and found.seen[0, 1] > 1
     assert found.votes.toarray()[0].tolist() == [0]

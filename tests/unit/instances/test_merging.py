@@ -16,9 +16,8 @@ def make_runs(count: int, gaussians: int, seed: int) -> tuple[Runs, np.ndarray]:
         first = max(0, centers[rng.integers(len(centers))] + rng.integers(-4, 5))
         mine = slice(first, first + rng.integers(15, 30))
         votes[run, mine] = seen[run, mine] * rng.random(seen[run, mine].shape) ** 0.2
-    return Runs(votes.astype(np.float32), seen.astype(np.float32), 0.5), rng.random(gaussians).astype(
-        np.float32
-    )
+    weight = rng.random(gaussians).astype(np.float32)
+    return Runs(votes.astype(np.float32), seen.astype(np.float32), 0.5), weight
 
 
 def agglomerate_slowly(runs: Runs, weight: np.ndarray, least: float) -> np.ndarray:

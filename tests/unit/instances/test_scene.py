@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from egosplat.instances import moving
 from egosplat.instances.moving import standing_tracks
 from egosplat.instances.scene import draw_masks, keep_outlines
 from tests.unit.instances.conftest import lifted, options
@@ -13,12 +14,11 @@ def labels(*rows: list[int]) -> np.ndarray:
     return np.array([rows], np.int32)
 
 
-def test_a_mask_takes_the_name_of_its_thing_in_its_own_frame():
+@pytest.mark.parametrize(("frame", "drawn"), [(0, 1), (3, 4), (1, -1)])
+def test_a_mask_takes_the_name_of_its_thing_in_its_own_frame(frame, drawn):
     """A track may show one thing in one frame and another in the next."""
     named = np.array([[0, 0, 3], [7, 2, 7], [1, -1, 4]])
-    assert draw_masks(named, 0, labels([7, 2, -1, 5])).tolist() == [[[1, -1, -1, -1]]]
-    assert draw_masks(named, 3, labels([7, 2, -1, 5])).tolist() == [[[4, -1, -1, -1]]]
-    assert draw_masks(named, 1, labels([7, 2, -1, 5])).tolist() == [[[-1, -1, -1, -1]]]
+    assert draw_masks(named, frame, labels([7, 2, -1, 5])).tolist() == [[[drawn, -1, -1, -1]]]
 
 
 def test_a_mask_replaces_the_rendering_of_its_thing_and_of_what_it_covers():
@@ -39,41 +39,36 @@ def standing(held, seconds, seen=None, instance=None) -> list[int]:
     return standing_tracks(masks, np.array(seconds, float), options()).tolist()
 
 
-def test_a_wall_stands_and_a_person_moves():
-    held = [PLACES[1]] * 4 + PLACES
-    assert standing(held, [0, 1, 2, 3] * 2, instance=[7] * 4 + [9] * 4) == [7]
+def elsewhere(count: int) -> list[list[int]]:
+    return [WALL[10 + 4 * place : 14 + 4 * place] for place in range(count)]
 
 
-def test_masks_of_the_same_moment_are_no_evidence():
-    assert standing([PLACES[0]] * 4, [0.0, 0.2, 0.4, 0.6]) == []
+HALVES = [WALL[start : start + 20] for start in (0, 5, 10, 15, 20)]
 
 
-def test_two_masks_are_too_few():
-    assert standing([PLACES[0]] * 2, [0, 1]) == []
-    assert standing([PLACES[0]] * 3, [0, 1, 2]) == [0]
-
-
-def test_frames_that_see_different_parts_of_a_wall_are_no_evidence_against_it():
-    """Each two neighboring frames share a half of the wall; the first and the last share nothing."""
-    seen = [WALL[start : start + 20] for start in (0, 5, 10, 15, 20)]
-    assert standing(seen, range(5), seen) == [0]
-
-
-@pytest.mark.parametrize("rests, stands", [(8, True), (3, False)])
-def test_a_thing_stands_if_most_pairs_of_its_masks_do(rests, stands):
-    """Of ten masks, some are where it rests and each of the others is elsewhere."""
-    elsewhere = [WALL[10 + 4 * place : 14 + 4 * place] for place in range(10 - rests)]
-    held = [PLACES[0]] * rests + elsewhere
-    assert standing(held, range(10)) == ([0] if stands else [])
+@pytest.mark.parametrize(
+    ("held", "seconds", "more", "expected"),
+    [
+        # A wall and a person.
+        ([PLACES[1]] * 4 + PLACES, [0, 1, 2, 3] * 2, {"instance": [7] * 4 + [9] * 4}, [7]),
+        # Masks of the same moment are no evidence, and two are too few.
+        ([PLACES[0]] * 4, [0.0, 0.2, 0.4, 0.6], {}, []),
+        ([PLACES[0]] * 2, [0, 1], {}, []),
+        ([PLACES[0]] * 3, [0, 1, 2], {}, [0]),
+        # Each two neighboring frames share a half of the wall; the first and the last share nothing.
+        (HALVES, range(5), {"seen": HALVES}, [0]),
+        # Of ten masks, some are where it rests and each of the others is elsewhere.
+        ([PLACES[0]] * 8 + elsewhere(2), range(10), {}, [0]),
+        ([PLACES[0]] * 3 + elsewhere(7), range(10), {}, []),
+    ],
+)
+def test_a_thing_stands_if_most_pairs_of_its_masks_do(held, seconds, more, expected):
+    assert standing(held, seconds, **more) == expected
 
 
 def test_the_time_does_not_grow_with_the_square_of_the_frames(monkeypatch):
     """Of a long track only some masks are compared, from the first to the last."""
-    counts = []
-    compare = standing_tracks.__globals__["overlaps"]
-    monkeypatch.setitem(
-        standing_tracks.__globals__,
-        "overlaps",
-        lambda runs, *others: counts.append(len(runs.votes)) or compare(runs, *others),
-    )
+    counts, compare = [], moving.overlaps
+    counted = lambda runs, *others: counts.append(len(runs.votes)) or compare(runs, *others)
+    monkeypatch.setattr(moving, "overlaps", counted)
     assert standing([PLACES[0]] * 100, range(100)) == [0] and counts == [24]

@@ -1,5 +1,6 @@
 """Stage instances merges the masks of a small scene, renders them, resumes, and reports user errors."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,8 +11,9 @@ from egosplat.artifacts.schemas import SCHEMAS, SPLATS
 from egosplat.errors import UserError
 from egosplat.instances import stage
 from egosplat.instances.lifted_masks import lift_masks
+from egosplat.pipeline.stages import run_stage
 from tests.support.scenes import put
-from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, RIGHT, SIZE, options
+from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, RIGHT, SIZE, marked, options
 
 
 def run(folder, name="instances.zarr", **changes):
@@ -27,21 +29,18 @@ def agreement(found, truth, chosen=slice(None)) -> float:
     return max((shown == names)[chosen].mean() for names in (truth, 1 - truth))
 
 
-def marked(truth) -> np.ndarray:
-    """Labels of the wall's masks in each second frame, each an instance of its own."""
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    for frame in range(0, FRAMES, 2):
-        labels[frame, 1] = truth[frame] + frame
-    return labels
-
-
 def test_each_square_is_one_instance_in_every_frame(scene, truth):
-    """Frames without masks, among them a held-out one, show the merged instances too."""
+    """Frames without masks, among them a held-out one, show the merged instances, and Gaussians name the one of their square."""
     found = run(scene())
     assert found.read("instances/level").tolist() == [1, 1]
     assert found.read("instances/masks").tolist() == [5, 5]
     assert (found.read("labels")[:, 0] == -1).all() and agreement(found, truth) > 0.95
     assert set(found.provenance["inputs"]) == {"frames.zarr", "poses.zarr", "segments.zarr"}
+    (x, _, z), instance = found.read("gaussians/xyz").T, found.read("gaussians/instance")[:, 1]
+    on_wall = (np.abs(z - DISTANCE) < 0.2) & (np.abs(x) > 0.1) & (np.abs(x) < 1.0) & (instance >= 0)
+    left, right = (instance[on_wall & side] for side in (x < 0, x > 0))
+    assert len(left) > 50 and len(right) > 50
+    assert np.bincount(left).argmax() != np.bincount(right).argmax()
 
 
 def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
@@ -60,16 +59,6 @@ def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
     np.testing.assert_array_equal(views.camera_to_world, cameras[views.frame])
     assert np.abs(cameras - given)[views.frame].max() > 1e-4
     assert found.read("instances/level").tolist() == [1, 1]
-
-
-def test_the_gaussians_name_their_instance(scene):
-    """Gaussians of the left square belong to one instance, those of the right square to the other."""
-    found = run(scene())
-    xyz, instance = found.read("gaussians/xyz"), found.read("gaussians/instance")[:, 1]
-    on_wall = (np.abs(xyz[:, 2] - DISTANCE) < 0.2) & (np.abs(xyz[:, 0]) > 0.1) & (np.abs(xyz[:, 0]) < 1.0)
-    left, right = (instance[on_wall & side] for side in (xyz[:, 0] < 0, xyz[:, 0] > 0))
-    assert len(left) > 50 and len(right) > 50
-    assert np.bincount(left[left >= 0]).argmax() != np.bincount(right[right >= 0]).argmax()
 
 
 def test_a_part_has_its_whole_as_parent(scene, truth):
@@ -102,8 +91,7 @@ def test_the_source_tracks_passes_segments_through(scene):
 def test_a_broken_track_is_repaired(scene, truth):
     """Two tracks that swap their squares in the middle are cut there, and put together right."""
     labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
-    for frame in range(FRAMES):
-        labels[frame, 1] = truth[frame] if frame < FRAMES // 2 else 1 - truth[frame]
+    labels[:, 1] = np.concatenate([truth[: FRAMES // 2], 1 - truth[FRAMES // 2 :]])
     folder = scene(labels=labels, **{"instances/level": np.ones(2, np.int8)})
     found = run(folder, source="both")
     assert found.shape("instances/level") == (2,)
@@ -191,10 +179,9 @@ def test_segments_of_other_frames_are_rejected(scene, tmp_path_factory):
     (folder / "segments.zarr").rename(folder / "kept")
     scene(rgb=np.zeros((FRAMES, SIZE, SIZE, 3), np.uint8))
     (folder / "kept").rename(folder / "other.zarr")
+    paths = [folder / f"{name}.zarr" for name in ("frames", "poses", "other", "x")]
     with pytest.raises(UserError, match="was made from another"):
-        stage.run(
-            folder / "frames.zarr", folder / "poses.zarr", folder / "other.zarr", folder / "x.zarr", options()
-        )
+        stage.run(*paths, options())
 
 
 def test_pixels_that_a_frame_leaves_out_neither_vote_nor_get_a_label(scene, truth):
@@ -207,55 +194,51 @@ def test_pixels_that_a_frame_leaves_out_neither_vote_nor_get_a_label(scene, trut
     assert found.facts["pixels_without_instance"] < 0.05
 
 
-@pytest.fixture
-def splats():
-    """Arrays of Gaussians that cover the wall."""
+def test_masks_are_merged_on_given_gaussians_with_their_poses(scene, truth, monkeypatch):
+    """They are neither trained nor changed, and no key of training matters. Other Gaussians of the scene may be asked with the instances."""
+    folder, found, seen = scene(), {}, []
     wall = np.stack(np.meshgrid(np.linspace(-1.5, 1.5, 60), np.linspace(-1, 1, 40)), -1).reshape(-1, 2)
     means = np.column_stack([wall, np.full(len(wall), DISTANCE)]).astype(np.float32)
-    return {
+    moved = verify(folder / "poses.zarr", SCHEMAS).read("camera_to_world").copy()
+    moved[:, 0, 3] += 1e-3
+    splats = {
         "means": means,
         "quats": np.tile(np.float32([1, 0, 0, 0]), (len(means), 1)),
         "log_scales": np.full((len(means), 3), np.log(0.025), np.float32),
         "logit_opacities": np.full(len(means), 4, np.float32),
         "sh": np.zeros((len(means), 1, 3), np.float32),
+        "corrections/camera_to_world": moved,
+        "corrections/source": np.ones(FRAMES, np.int8),
+        "corrections/shift": np.zeros((FRAMES, 3)),
+        "corrections/turn": np.zeros(FRAMES),
+        "corrections/gain": np.ones((FRAMES, 3)),
     }
-
-
-def test_masks_are_merged_on_given_gaussians(scene, truth, splats):
-    """They are neither trained nor changed, and no key of training matters. Other Gaussians of the scene may be asked with the instances."""
-    folder = scene()
     put(folder, "splats", splats, made_from=["frames", "poses"])
+    given = stage.given_geometry
+    monkeypatch.setattr(stage, "given_geometry", lambda *all_: seen.append(given(*all_)) or seen[-1])
     paths = [folder / f"{name}.zarr" for name in ("frames", "poses", "segments", "instances")]
-    found = {}
     for iterations in (1, 20):
         stage.run(*paths, options(iterations=iterations), splats_path=folder / "splats.zarr")
         found[iterations] = verify(folder / "instances.zarr", SCHEMAS)
-    assert found[1].digest == found[20].digest and np.array_equal(
-        found[20].read("gaussians/xyz"), splats["means"]
-    )
-    assert agreement(found[20], truth) > 0.95
+    assert found[1].digest == found[20].digest
+    assert np.array_equal(found[20].read("gaussians/xyz"), means) and agreement(found[20], truth) > 0.95
     made = found[20].provenance
     assert made["options"]["splats"] == open_artifact(folder / "splats.zarr", SPLATS).digest
     assert "splats.zarr" not in made["inputs"] and lineage([found[20]]).lost == ()
+    np.testing.assert_array_equal(seen[0].camera_to_world, moved)
+    np.testing.assert_array_equal(seen[0].views.camera_to_world, moved[seen[0].views.frame])
 
 
-def test_masks_are_merged_with_the_poses_of_the_given_gaussians(scene, splats, monkeypatch):
-    folder, seen = scene(), {}
-    moved = verify(folder / "poses.zarr", SCHEMAS).read("camera_to_world").copy()
-    moved[:, 0, 3] += 1e-3
-    corrections = {
-        "camera_to_world": moved,
-        "source": np.ones(FRAMES, np.int8),
-        "shift": np.zeros((FRAMES, 3)),
-        "turn": np.zeros(FRAMES),
-        "gain": np.ones((FRAMES, 3)),
-    }
-    arrays = splats | {f"corrections/{name}": values for name, values in corrections.items()}
-    put(folder, "splats", arrays, made_from=["frames", "poses"])
-    given = stage.given_geometry
-    monkeypatch.setattr(stage, "given_geometry", lambda *all_: seen.setdefault("found", given(*all_)))
-    paths = [folder / f"{name}.zarr" for name in ("frames", "poses", "segments", "instances")]
-    stage.run(*paths, options(), splats_path=folder / "splats.zarr")
-    views, cameras = seen["found"].views, seen["found"].camera_to_world
-    np.testing.assert_array_equal(cameras, moved)
-    np.testing.assert_array_equal(views.camera_to_world, moved[views.frame])
+def test_the_page_has_a_view_from_above_if_masks_were_merged(scene):
+    folder = scene({"segmenter": "sam2"})
+    paths = {kind: folder / f"{kind}.zarr" for kind in ("frames", "poses", "instances")}
+    pages = []
+    for source in ("masks", "tracks"):
+        run(folder, source=source)
+        run_stage("instances_sheet", None, **paths, output=folder / "page.png", title="adt/scene1")
+        pages.append(cv2.imread(str(folder / "page.png")))
+    merged, tracks = pages
+    assert merged.shape[1] > tracks.shape[1] and merged.shape[0] == tracks.shape[0]
+    right = merged[:, tracks.shape[1] :].reshape(-1, 3)
+    # Two squares of the wall, in two colors.
+    assert len({tuple(color) for color in right if color.max() - color.min() > 120}) >= 2

@@ -17,40 +17,32 @@ def things(masks, *, cut: bool = False, **changes: object) -> list[int]:
     return find_things(masks, run, np.ones(masks.seen.shape[1], np.float32), keys)[0].tolist()
 
 
-def test_masks_of_one_thing_merge_and_neighbors_stay_apart():
-    masks = lifted([TABLE, CUP, TABLE, CUP, CUP], [0, 0, 1, 1, 2], [ALL, ALL, ALL])
-    assert things(masks) == [0, 1, 0, 1, 1]
+@pytest.mark.parametrize(
+    ("held", "frames", "seen", "expected"),
+    [
+        ([TABLE, CUP, TABLE, CUP, CUP], [0, 0, 1, 1, 2], [ALL] * 3, [0, 1, 0, 1, 1]),
+        # Compared is what both frames have seen: what leaves the picture is the same thing as its visible part.
+        ([TABLE, TABLE[:2], WALL], [0, 1, 1], [ALL, [*TABLE[:2], *WALL]], [0, 0, 1]),
+        ([TABLE, CUP] * 37, np.repeat(np.arange(37), 2).tolist(), [ALL] * 37, [0, 1] * 37),
+    ],
+)
+def test_masks_of_one_thing_merge_and_neighbors_stay_apart(held, frames, seen, expected):
+    assert things(lifted(held, frames, seen)) == expected
 
 
-def test_only_what_both_frames_have_seen_is_compared():
-    """A thing that leaves the picture is the same thing as its visible part."""
-    masks = lifted([TABLE, TABLE[:2], WALL], [0, 1, 1], [ALL, [*TABLE[:2], *WALL]])
-    assert things(masks) == [0, 0, 1]
-
-
-def test_too_small_a_common_part_is_no_evidence(monkeypatch):
-    masks = lifted([TABLE, [0, 10, 11, 12, 13]], [0, 1], [TABLE, [0, 10, 11, 12, 13]])
-    monkeypatch.setattr("egosplat.instances.merging.COMMON", 0.5)
-    assert things(masks) == [0, 1]
-    monkeypatch.setattr("egosplat.instances.merging.COMMON", 0.1)
-    assert things(masks) == [0, 0]
-
-
-def test_merging_crosses_blocks_of_frames():
-    """A thing seen in many frames stays one, however the frames are cut into blocks."""
-    count = 37
-    masks = lifted([TABLE, CUP] * count, np.repeat(np.arange(count), 2).tolist(), [ALL] * count)
-    assert things(masks) == [0, 1] * count
+@pytest.mark.parametrize(("least", "expected"), [(0.5, [0, 1]), (0.1, [0, 0])])
+def test_too_small_a_common_part_is_no_evidence(monkeypatch, least, expected):
+    seen = [TABLE, [0, 10, 11, 12, 13]]
+    monkeypatch.setattr("egosplat.instances.merging.COMMON", least)
+    assert things(lifted(seen, [0, 1], seen)) == expected
 
 
 def test_a_mask_that_contradicts_its_track_has_no_vote(monkeypatch):
     """In one frame the table's track holds the wall: with the source masks it merges with neither."""
-    held, frames = [TABLE, TABLE, TABLE, WALL, TABLE], [0, 1, 2, 3, 4]
-    masks = lifted(held, frames, [ALL] * 5, instance=[0] * 5)
+    masks = lifted([TABLE, TABLE, TABLE, WALL, TABLE], [*range(5)], [ALL] * 5, instance=[0] * 5)
     assert things(masks, cut=True) == [0, 0, 0, 1, 0]
-    whole = lifted(held, frames, [ALL] * 5, instance=[0] * 5)
     monkeypatch.setattr("egosplat.instances.things._CUT_IOU", 0.0)
-    assert things(whole, cut=True) == [0, 0, 0, -1, 0]
+    assert things(masks, cut=True) == [0, 0, 0, -1, 0]
 
 
 def test_an_instance_that_others_hold_already_is_dropped(monkeypatch):
