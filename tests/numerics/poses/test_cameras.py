@@ -71,16 +71,14 @@ def test_up(measured, seed, count):
         mean_camera_up(opposed)
 
 
-@pytest.mark.numerics(
-    "poses that are scaled, mirrored, sheared by 1e-5, or NaN",
-    outside="rejected",
+@pytest.mark.numerics("poses that are scaled, mirrored, sheared by 1e-5, or NaN", outside="rejected")
+@pytest.mark.parametrize(
+    "matrix",
+    [np.eye(3) * 1.001, np.diag([-1.0, 1, 1]), np.eye(3) + 1e-5 * np.eye(3, k=1), np.diag([np.nan, 1, 1])],
+    ids=["scaled", "mirrored", "sheared", "nan"],
 )
-@pytest.mark.parametrize("broken", ["scaled", "mirrored", "sheared", "nan"])
-def test_invalid_poses_are_rejected(broken):
-    pose = np.eye(4)
-    pose[:3, :3] *= {"scaled": 1.001}.get(broken, 1.0)
-    pose[0, 0] *= {"mirrored": -1.0, "nan": np.nan}.get(broken, 1.0)
-    pose[0, 1] += {"sheared": 1e-5}.get(broken, 0.0)
+def test_invalid_poses_are_rejected(matrix):
+    pose = make_pose(matrix, np.zeros(3))
     assert not is_rigid(pose)
     colors, up = np.zeros((0, 3), np.uint8), np.array([0, -1.0, 0])
     with pytest.raises(ValueError, match="rigid|registered"):

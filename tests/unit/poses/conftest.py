@@ -3,7 +3,7 @@
 The room is a corner with a poster in front of it; an image is one homography per plane.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose
@@ -63,9 +63,8 @@ def render(pose: NDArray[np.float64], textures: list[NDArray[np.uint8]]) -> NDAr
         homography = center @ CAMERA.matrix @ camera_from_world[:3] @ world @ np.linalg.inv(center)
         size = (CAMERA.width, CAMERA.height)
         drawn = cv2.warpPerspective(image, homography, size, flags=cv2.INTER_LINEAR)
-        inside = cv2.warpPerspective(
-            np.full(image.shape[:2], 255, np.uint8), homography, size, flags=cv2.INTER_NEAREST
-        )
+        whole = np.full(image.shape[:2], 255, np.uint8)
+        inside = cv2.warpPerspective(whole, homography, size, flags=cv2.INTER_NEAREST)
         rendered = np.where(inside[..., None] > 0, drawn, rendered)
     return rendered
 
@@ -108,40 +107,29 @@ def walk_images(room: RenderedRoom) -> list[NDArray[np.uint8]]:
     return room.images(room.walk(10))
 
 
-def trajectory_table(times_us: list[int], angles_deg: list[float]) -> pd.DataFrame:
-    """A trajectory at 1 m/s along x, rotated about y by the given angles; gravity is -y."""
-    quaternion = Rotation.from_euler("y", np.array(angles_deg)[:, None], degrees=True).as_quat()
-    columns: dict[str, object] = {"graph_uid": "a", "tracking_timestamp_us": times_us, "utc_timestamp_ns": -1}
-    columns |= {
-        "tx_world_device": np.array(times_us) * 1e-6,
-        "ty_world_device": 1.5,
-        "tz_world_device": -0.25,
-    }
-    columns |= {f"q{axis}_world_device": quaternion[:, index] for index, axis in enumerate("xyzw")}
-    columns |= {
-        "gravity_x_world": 0.0,
-        "gravity_y_world": -9.81,
-        "gravity_z_world": 0.0,
-        "quality_score": 1.0,
-    }
-    return pd.DataFrame(columns)
+def trajectory_table(times_us: ArrayLike, quaternions: NDArray, places: NDArray) -> pd.DataFrame:
+    """A trajectory of (N, 4) quaternions xyzw and (N, 3) places [m]; gravity is -y."""
+    table: dict[str, object] = {"graph_uid": "a", "tracking_timestamp_us": times_us, "utc_timestamp_ns": -1}
+    table |= {f"t{axis}_world_device": places[:, row] for row, axis in enumerate("xyz")}
+    table |= {f"q{axis}_world_device": quaternions[:, row] for row, axis in enumerate("xyzw")}
+    table |= {f"gravity_{axis}_world": value for axis, value in zip("xyz", (0.0, -9.81, 0.0), strict=True)}
+    return pd.DataFrame(table | {"quality_score": 1.0})
 
 
 @pytest.fixture
 def table() -> pd.DataFrame:
-    """Five rows, 10 ms apart with one gap of 100 ms."""
-    return trajectory_table(
-        [1_000_000, 1_010_000, 1_020_000, 1_120_000, 1_130_000], [0.0, 30.0, 90.0, 90.0, 80.0]
-    )
+    """Five rows at 1 m/s along x and turned about y, 10 ms apart with one gap of 100 ms."""
+    times = np.array([1_000_000, 1_010_000, 1_020_000, 1_120_000, 1_130_000])
+    turns = Rotation.from_euler("y", [[0.0], [30.0], [90.0], [90.0], [80.0]], degrees=True)
+    places = np.stack([times * 1e-6, np.full(5, 1.5), np.full(5, -0.25)], axis=1)
+    return trajectory_table(times, turns.as_quat(), places)
 
 
 @pytest.fixture
-def recording(tmp_path: Path) -> Iterator[Callable[..., Path]]:
+def recording(tmp_path: Path) -> Callable[..., Path]:
     """``recording(table, points, closed_loop)``: write a trajectory and points to their paths in ADT."""
 
-    def write(
-        trajectory: pd.DataFrame, points: pd.DataFrame | None = None, closed_loop: bool = False
-    ) -> Path:
+    def write(trajectory: pd.DataFrame, points: pd.DataFrame | None = None, closed_loop=False) -> Path:
         (tmp_path / "mps" / "slam").mkdir(parents=True, exist_ok=True)
         name = "mps/slam/closed_loop_trajectory.csv" if closed_loop else "aria_trajectory.csv"
         trajectory.to_csv(tmp_path / name, index=False)
@@ -149,4 +137,4 @@ def recording(tmp_path: Path) -> Iterator[Callable[..., Path]]:
             points.to_csv(tmp_path / "mps" / "slam" / "semidense_points.csv.gz", index=False)
         return tmp_path
 
-    yield write
+    return write

@@ -5,13 +5,8 @@ import numpy as np
 import pycolmap
 import pytest
 
-from egosplat.calibration.colmap.distortion import (
-    FALSE_ALARM,
-    MAX_PICTURES,
-    choices,
-    compare,
-    lens_of_frames,
-)
+from egosplat.calibration.colmap import distortion
+from egosplat.calibration.colmap.distortion import choices, compare, lens_of_frames
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
@@ -42,12 +37,8 @@ def model_of(k1: float, k2: float, seed: int, noise: float = 0.5) -> pycolmap.Re
 def test_a_lens_with_distortion_is_found(k1, k2, capfd):
     lens, evidence = compare(model_of(k1, k2, seed=0))
     assert capfd.readouterr() == ("", "")
-    assert (
-        evidence["distorted"]
-        and evidence["chance"] < FALSE_ALARM
-        and evidence["bend_px"] > evidence["median_px"]
-    )
-    assert evidence["radial_px"] < evidence["pinhole_px"]
+    assert evidence["distorted"] and evidence["chance"] < distortion.FALSE_ALARM
+    assert evidence["bend_px"] > evidence["median_px"] and evidence["radial_px"] < evidence["pinhole_px"]
     radius = 0.15  # three quarters of the way to the corners
     assert lens.params[3] + lens.params[4] * radius**2 == pytest.approx(k1 + k2 * radius**2, rel=0.2)
 
@@ -62,8 +53,8 @@ def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
     chosen = list(choices(1000))
     assert [(len(one), int(np.diff(one)[0])) for one in chosen] == [(30, 34), (30, 4), (30, 1)]
     assert all(0 <= one.min() and one.max() < 1000 for one in chosen)
-    (short,) = choices(MAX_PICTURES - 1)
-    assert short.tolist() == list(range(MAX_PICTURES - 1))
+    (short,) = choices(distortion.MAX_PICTURES - 1)
+    assert short.tolist() == list(range(distortion.MAX_PICTURES - 1))
 
 
 def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
@@ -72,13 +63,10 @@ def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
     columns, rows = np.meshgrid(np.arange(240) + 0.5, np.arange(180) + 0.5)
     rays = lens.colmap().cam_from_img(np.stack([columns, rows], -1).reshape(-1, 2)).reshape(180, 240, 2)
     source = (rays * 210.0 + [120.0, 90.0] - 0.5).astype(np.float32)
-    images = [
-        cv2.remap(image, source, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-        for image in room.images(room.walk(12))
-    ]
-    found, evidence = lens_of_frames(
-        "auto", lambda frames: (images[i] for i in frames), 12, np.ones((180, 240), bool), camera
-    )
+    about = source, None, cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT
+    images = [cv2.remap(image, *about) for image in room.images(room.walk(12))]
+    valid = np.ones((180, 240), bool)
+    found, evidence = lens_of_frames("auto", lambda frames: (images[i] for i in frames), 12, valid, camera)
     assert found and evidence and evidence["distorted"]
     assert found.params[3] == pytest.approx(-0.15, abs=0.05)
     assert found.pinhole.fx == pytest.approx(lens.pinhole.fx, rel=0.05)

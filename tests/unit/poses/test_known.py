@@ -14,13 +14,12 @@ from egosplat.artifacts.schemas import FRAMES, POSES, length_unit
 from egosplat.errors import UserError
 from egosplat.frames.stage import FramesOptions
 from egosplat.frames.stage import run as make_frames
+from egosplat.geometry import Camera, make_pose
 from egosplat.pipeline.config import defaults
 from egosplat.poses.result import find_parallax
 from egosplat.poses.stage import PosesOptions
 from egosplat.poses.stage import run as make_poses
-from tests.unit.calibration.conftest import HEIGHT, WIDTH, synthetic_model
-
-FRAMES_OPTIONS = {"resolution": 64, "evaluation_frames": 0}
+from tests.unit.calibration.conftest import HEIGHT, WIDTH, opengl_frames, synthetic_model
 
 
 def options(kind: type, section: str, **changes: object) -> object:
@@ -45,7 +44,8 @@ def recording(tmp_path):
 
 def run(recording: Path, frames: dict[str, object], **poses: object) -> tuple[Artifact, Artifact]:
     made, written = recording.parent / "frames.zarr", recording.parent / "poses.zarr"
-    make_frames(recording, made, options(FramesOptions, "frames", **FRAMES_OPTIONS, **frames), format="plain")
+    keys = {"resolution": 64, "evaluation_frames": 0} | frames
+    make_frames(recording, made, options(FramesOptions, "frames", **keys), format="plain")
     make_poses(recording, made, written, options(PosesOptions, "poses", **poses))
     return open_artifact(made, FRAMES), open_artifact(written, POSES)
 
@@ -54,16 +54,10 @@ def test_a_model_calibrates_the_frames_and_gives_their_poses(recording, capsys):
     frames, poses = run(recording, {"stride": 2})
     assert frames.facts["pictures"] == ["0.png", "2.png", "4.png"] and frames.facts["known_poses"] == "colmap"
     assert frames.facts["lenses"][0]["model"] == "RADIAL" and frames.facts["camera_known"]
-    camera = frames.facts["camera"]
-    np.testing.assert_array_equal(
-        poses.read("intrinsics"),
-        [[camera["fx"], 0, camera["cx"]], [0, camera["fy"], camera["cy"]], [0, 0, 1]],
-    )
+    np.testing.assert_array_equal(poses.read("intrinsics"), Camera(**frames.facts["camera"]).matrix)
     assert poses.read("registered").all()
-    np.testing.assert_allclose(
-        poses.read("camera_to_world")[:, :3, 3], [[0.6 * i, -0.1, -4] for i in range(3)], atol=1e-12
-    )
-    np.testing.assert_array_equal(poses.read("camera_to_world")[:, :3, :3], np.eye(3)[None].repeat(3, 0))
+    expected = make_pose(np.eye(3), np.array([[0.6 * i, -0.1, -4] for i in range(3)]))
+    np.testing.assert_allclose(poses.read("camera_to_world"), expected, atol=1e-12)
     assert length_unit(poses) == "scene units" and poses.shape("points/xyz")[0] > 20
     told = capsys.readouterr().err
     assert "ignores 1 name without a picture: gone.png" in told and "a scene unit" in told
@@ -82,15 +76,8 @@ def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording):
     frames, poses = run(recording, {})
     first = frames.read("rgb"), poses.read("camera_to_world"), poses.read("intrinsics")
     model = pycolmap.Reconstruction(recording / "colmap")
-    entries = []
-    for image in model.images.values():
-        matrix = np.eye(4)
-        matrix[:3] = image.cam_from_world().inverse().matrix()
-        entries.append(
-            {"file_path": f"./{image.name}", "transform_matrix": (matrix * [1, -1, -1, 1]).tolist()}
-        )
     lens = {"w": WIDTH, "h": HEIGHT, "fl_x": 60, "fl_y": 60, "cx": 31, "cy": 25, "k1": 0.05, "k2": -0.01}
-    (recording / "transforms.json").write_text(json.dumps(lens | {"frames": entries}))
+    (recording / "transforms.json").write_text(json.dumps(lens | {"frames": opengl_frames(model)}))
     frames, poses = run(recording, {"known_poses": "transforms"})
     np.testing.assert_array_equal(frames.read("rgb"), first[0])
     np.testing.assert_allclose(poses.read("camera_to_world"), first[1], atol=1e-12)
@@ -118,10 +105,6 @@ def test_a_model_that_changed_after_the_frames_is_refused(recording):
     (camera,) = model.cameras.values()
     camera.params = [61.0, 31.0, 25.0, 0.05, -0.01]
     model.write_binary(recording / "colmap")
+    made = (recording.parent / f"{name}.zarr" for name in ("frames", "poses"))
     with pytest.raises(UserError, match="colmap: has changed since the frames were read"):
-        make_poses(
-            recording,
-            recording.parent / "frames.zarr",
-            recording.parent / "poses.zarr",
-            options(PosesOptions, "poses"),
-        )
+        make_poses(recording, *made, options(PosesOptions, "poses"))
