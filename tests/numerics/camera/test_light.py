@@ -48,15 +48,9 @@ def test_loud_noise(gain, share):
 )
 def test_frames_at_a_gain_of_a_million():
     def frame(radiance, gain, effects=NOISY):
-        values, noise = np.full((5000, 3), radiance, np.float32), np.random.default_rng(1)
-        radius = np.zeros(len(values), np.float32)
-        return develop(
-            values,
-            radius,
-            gain,
-            np.random.default_rng(0),
-            lambda light: add_noise(light, effects, 1.0, noise),
-        )
+        values, radius = np.full((5000, 3), radiance, np.float32), np.zeros(5000, np.float32)
+        dither, noise = map(np.random.default_rng, range(2))
+        return develop(values, radius, gain, dither, lambda light: add_noise(light, effects, 1.0, noise))
 
     assert frame(0.0, 1e6).mean() < 8 and frame(0.3, 0.0).mean() < 8
     assert (frame(1e-3, 1e6, Effects()) >= 240).all() and frame(1e30, 1e6).min() > 240

@@ -74,10 +74,8 @@ def test_extreme_cameras():
     for seconds, values in ((2.0, {}), (1.0, {key: keys[key]["anyOf"][0]["maximum"] for key in REAL})):
         extreme = {"camera": "real", "camera_strength": 16.0, "drift_s": 0.1} | values
         effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | extreme))
-        hard, ideal = (
-            record_world(world, renderer, name="x", fps=1.0, seconds=seconds, effects=one)
-            for one in (effects, IDEAL)
-        )
+        about = {"name": "x", "fps": 1.0, "seconds": seconds}
+        hard, ideal = (record_world(world, renderer, effects=one, **about) for one in (effects, IDEAL))
         times = np.linspace(hard.start_ns, hard.end_ns, 50).astype(np.int64)
         assert is_rigid(hard.estimated_pose(times)).all() and np.isfinite(hard.points).all()
         for one, other in zip(hard.frames(), ideal.frames(), strict=True):
