@@ -123,6 +123,8 @@ def opened_files(stage: str, format: str, recording: Path, config: Mapping[str, 
             masks = find_masks(folder)
             of_frames = [folder / HOI4D_VIDEO, *intrinsics_files(folder)[:1]]
             files = of_frames if stage == "frames" else list_masks(masks) if masks else []
+    elif format not in OF_PICTURES:  # of another package: all that there is
+        files = [recording, *recording.rglob("*")]
     elif stage == "frames" or is_annotated(format, recording):
         files = _picture_files(stage, format, recording, known)
     return [path for path in files if path is not None and os.path.lexists(path)]

@@ -8,13 +8,12 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import click
 
 from egosplat.errors import UserError
 from egosplat.pipeline.config import parse_value
-from egosplat.pipeline.general_options import Format
 from egosplat.pipeline.messages import describe_value, make_options, shorten, shown
 from egosplat.pipeline.options import Options, full_names, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
@@ -32,7 +31,7 @@ SCENE = {
     "preset": click.Choice(sorted({*PRESET_FILES, *PRESET_FILES.values()})),
     "world_seed": click.IntRange(0),
     "camera": click.Choice(["ideal", "real"]),
-    "format": click.Choice(get_args(Format)),
+    "format": click.Choice(list(STAGES["frames"].modules)),
 }
 
 # Flags of a stage whose frames jobs can share.

@@ -3,21 +3,19 @@
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 import click
 
 from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, parse_time, without_collection
 from egosplat.export.scene import FORMATS, export_scene
 from egosplat.files import check_output
-from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.home import ASKED, check_scene_folder
+from egosplat.pipeline.home import ASKED, PRESET_NAMES, check_scene_folder
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.stages import STAGES
 from egosplat.query.options import MOST, AskingOptions
 from egosplat.viewing.options import PageOptions, ScenePageOptions
 
-PRESETS = click.Choice(get_args(GeneralOptions.model_fields["preset"].annotation))
 FILE = click.Path(exists=True, dir_okay=False)
 
 _PHRASES = click.argument("phrases", nargs=-1, required=True)
@@ -165,7 +163,7 @@ def spread(args: Sequence[str]) -> list[str]:
     "nerfstudio, or a .vrs of Aria glasses. Run again, it does what is new.",
 )
 @click.argument("source", type=ARTIFACT)
-@click.option("--preset", type=PRESETS, help="Speed or accuracy, as in draft. [default: balanced]")
+@click.option("--preset", type=click.Choice(PRESET_NAMES), help="Speed or accuracy. [default: balanced]")
 @click.option("--words", multiple=True, metavar="WORD ...", help="Ask for these at the end.")
 @click.option("--open", "show", is_flag=True, help="Open the scene in the browser at the end.")
 @click.option(

@@ -1,27 +1,21 @@
 """Options of the stage ``language``."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import Field
 
-from egosplat.pipeline.options import Count, Positive
+from egosplat.pipeline.options import Count, Positive, one_of
 from egosplat.pipeline.shared_options import BackendOptions, MaskSourceOptions, SeedOptions
+from egosplat.pipeline.stages import STAGES
 
 
 class LanguageOptions(MaskSourceOptions, SeedOptions, BackendOptions):
     """Codes of each Gaussian at each level."""
 
-    method: Literal[
-        "lifted", "trained", "projected", "center", "clustered", "sparse", "granular", "field", "quantized"
-    ] = "lifted"
+    method: Annotated[str, one_of(name for name in STAGES["language"].modules if name != "joint")] = "lifted"
     """How Gaussians with fixed geometry get codes. lifted: each takes the code of the instance that it shows most,
-    in one pass over the views (docs/method.md#lifting). trained: by gradient descent, as in LangSplat. projected:
-    the mean feature of the pixels at its center that show its surface, as in Semantic Gaussians. center: the mean
-    of those pixels by its weight there, as in Occam's LGS. clustered: mean codes of sharpened opacities; the
-    Gaussians of a cluster take the mean of the masks that agree with it, as in Splat Feature Solver. sparse:
-    mixtures of four words, as in LangSplatV2. granular: one code for three levels, as in GAGS. field: a field of
-    positions and scales that learns from tiles, as in LERF. quantized: indices into a codebook of mixed tiles, as
-    in LEGaussians. docs/methods.md describes each. No effect if splats.language is joint."""
+    in one pass over the views (docs/method.md#lifting). trained: by gradient descent, as in LangSplat. docs/methods.md
+    describes the other methods. No effect if splats.language is joint."""
 
     iterations: Count = 3000
     """Training iterations, one view each, if method trains. LangSplat, GAGS, LERF and LEGaussians use 30,000,

@@ -18,9 +18,6 @@ CAMERA = ("refine_poses", "compensate_exposure")
 # Artifacts with the masks, by splats.masking. The survey may choose any of the three; "masks" is the longest chain of stages.
 _MASKS = {"none": (), "initial": ("transient",), "refined": ("masks",), AUTO: ("masks",)}
 
-# Values of language.method that learn codes from tiles.
-_OF_TILES = ("field", "quantized")
-
 
 def leaves_frames_out(config: Config) -> bool:
     """Whether training follows the survey's list of frames."""
@@ -114,7 +111,7 @@ def learnt_from(stage: str, config: Config) -> tuple[str, ...]:
     is_joint = config["splats"]["language"] == "joint"
     if stage == "splats" and not is_joint:
         return ()
-    of_tiles = not is_joint and config["language"]["method"] in _OF_TILES
+    of_tiles = not is_joint and config["language"]["method"] in ("field", "quantized")
     wanted = ("tiles",) if of_tiles else ("instances", "features")
     return tuple(name for name in wanted if name in STAGES[stage].optional)
 

@@ -2,12 +2,14 @@
 
 import re
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ConfigDict, Field
 from typing_extensions import TypedDict
 
-from egosplat.pipeline.options import Options, Text, check_with
+from egosplat.pipeline.home import PRESET_NAMES
+from egosplat.pipeline.options import Options, Text, check_with, one_of
+from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import read_yaml
 
 _NAME = check_with(
@@ -16,7 +18,7 @@ _NAME = check_with(
 _Folder = Annotated[Text | None, BeforeValidator(lambda path: None if path == "null" else path)]
 
 # How a recording is laid out on disk.
-Format = Literal["adt", "hoi4d", "plain", "lerf", "3d_ovs"]
+Format = Annotated[str, one_of(STAGES["frames"].modules)]
 
 # Protocols of public benchmarks, under ``formats``, and ``variants``.
 SHIPPED: Any = read_yaml(Path(__file__).with_name("shipped.yaml"))
@@ -34,7 +36,7 @@ class VariantKeys(TypedDict, total=False):
 class GeneralOptions(Options):
     """Keys that are in no section."""
 
-    preset: Literal["draft", "balanced", "accurate", "paper"] = "balanced"
+    preset: Annotated[str, one_of(PRESET_NAMES)] = "balanced"
     """Trade of speed against accuracy: a file in config/presets. Its values replace the defaults here; keys set in
     the configuration replace its values."""
 
@@ -51,13 +53,11 @@ class GeneralOptions(Options):
     (docs/running.md)."""
 
     formats: dict[Format, dict[str, Any]] = SHIPPED["formats"]
-    """Keys for all scenes whose recording has the format adt, hoi4d, plain, lerf or 3d_ovs. They win over the keys of all scenes,
-    and a scene's own row wins over them. The preset paper sets some for HOI4D, and the benchmarks lerf and 3d_ovs have their
-    protocol here (benchmarks/public/README.md); a key set in the configuration wins over those."""
+    """Keys for all scenes of a format. They win over the keys of all scenes, and a scene's own row wins over them. Those of
+    the preset paper for hoi4d, and of the benchmarks lerf and 3d_ovs, come with egosplat; keys of the configuration win."""
 
     variants: dict[Annotated[str, _NAME], VariantKeys] = SHIPPED["variants"]
     """Named sets of keys that differ from the scene's, for ablations and methods of others; those below come with egosplat
-    (docs/methods.md). results/adt/scene1/variants/baseline/ holds only the artifacts that the variant changes; it shares the
-    others with the scene. The scene itself is the full method. Yours stand beside those below, and replace one of the same
-    name. `extends` names one or more variants to inherit keys from (later ones win); unchanged artifacts are shared with
-    them. `method` is the name of the published method that a variant stands for, in tables."""
+    (docs/methods.md). Yours stand beside them, and replace one of the same name. The scene itself is the full method;
+    results/adt/scene1/variants/baseline/ holds only the artifacts that the variant changes. `extends` names variants to
+    inherit keys from (later ones win). `method` is the published method that a variant stands for, in tables."""

@@ -44,6 +44,10 @@ def has_workflow(folder: Path) -> bool:
     return path.is_file() and "egosplat" in path.read_text(errors="replace")
 
 
+# The presets are the files of their folder.
+PRESET_NAMES = sorted(path.stem for path in find_home(PRESETS).glob("*.yaml"))
+
+
 def how_to_reinstall() -> str:
     """Get the command that compiles the C++ code again."""
     if not _SHIPPED.is_dir():

@@ -8,7 +8,7 @@ import contextlib
 import functools
 import inspect
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import (
@@ -16,10 +16,12 @@ from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
+    GetPydanticSchema,
     ValidationError,
     ValidatorFunctionWrapHandler,
     field_validator,
 )
+from pydantic_core import core_schema
 
 from egosplat.pipeline.strict_yaml import load_yaml
 
@@ -47,6 +49,12 @@ def check_with(passes: Callable[[Any], object], needed: str) -> AfterValidator:
         return value
 
     return AfterValidator(check)
+
+
+def one_of(values: Iterable[str]) -> GetPydanticSchema:
+    """Mark a text that is one of ``values``, as ``Literal`` does of values that stand in the code."""
+    schema = core_schema.literal_schema([*values])
+    return GetPydanticSchema(lambda *_: schema)
 
 
 UNIQUE = check_with(lambda items: len({*items}) == len(items), "no repeated items")

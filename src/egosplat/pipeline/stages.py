@@ -110,11 +110,7 @@ _STAGES = (
         request=(6500, 2500, 60, 2000),
     ),
     _artifact(
-        *(
-            "view_features",
-            "features.view_features_stage",
-            "Encode the crops of each instance with OpenCLIP.",
-        ),
+        *("view_features", "features.view_features_stage", "Encode each instance's crops with OpenCLIP."),
         inputs=("frames", "instances"),
         libraries=("open_clip_torch", "pillow", "scipy", "torch"),
         by_chunks=True,

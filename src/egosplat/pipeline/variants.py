@@ -22,13 +22,14 @@ from egosplat.pipeline.config import (
 )
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
+from egosplat.pipeline.home import PRESET_NAMES
 from egosplat.pipeline.model_sets import DEFAULTS, PUBLISHED, locate_checkpoints
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.strict_yaml import read_yaml
 
 # Preset file by name of the variant.
-PRESET_FILES = {name: name for name in ("draft", "balanced", "accurate")} | {"paper_scaled": "paper"}
+PRESET_FILES = {"paper_scaled" if name == "paper" else name: name for name in PRESET_NAMES}
 
 # Sections and keys that keep the scene's value with every preset: those that define frames and queries, because scores with
 # different values cannot be compared, and models (no preset sets a key that follows models.set; transient.lr suits the encoder).
