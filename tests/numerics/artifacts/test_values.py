@@ -116,10 +116,7 @@ def test_numbers_that_the_schema_does_not_allow(tmp_path, monkeypatch, cases):
             verify(path, SCHEMAS)
 
 
-@pytest.mark.numerics(
-    "NaN for an unknown pose or PSNR, -1 for no instance",
-    outside="written and read",
-)
+@pytest.mark.numerics("NaN for an unknown pose or PSNR, -1 for no instance", outside="written and read")
 def test_numbers_that_are_not_known(tmp_path):
     unknown = np.tile(np.eye(4), (2, 1, 1))
     unknown[0] = NAN

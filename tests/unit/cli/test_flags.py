@@ -1,14 +1,16 @@
-"""Options on the command line: ``--options``, ``--set`` and the lists of keys."""
+"""Options on the command line: ``--options``, ``--set`` and the lists of keys; a command looks for no garbage among its imports."""
 
+import gc
 import json
 import os
+import subprocess
 import sys
 
 import pytest
 from click.testing import CliRunner
 
 from egosplat.cli import cli, commands
-from egosplat.cli.flags import read_options
+from egosplat.cli.flags import read_options, without_collection
 from egosplat.errors import UserError
 from egosplat.pipeline.config import stage_options
 from egosplat.pipeline.options import keys_of
@@ -64,3 +66,28 @@ def test_a_closed_stream_leads_nowhere(monkeypatch, name):
     commands._open_closed_streams()
     with getattr(sys, name) as opened:
         assert opened.name == os.devnull and not opened.isatty()
+
+
+@pytest.fixture
+def collecting():
+    """Other tests find the collector as this one did."""
+    enabled = gc.isenabled()
+    gc.enable()
+    yield
+    (gc.enable if enabled else gc.disable)()
+
+
+def test_libraries_are_imported_without_search_for_garbage_and_frozen_then(collecting):
+    before = gc.get_freeze_count()
+    with without_collection():
+        assert not gc.isenabled()
+        kept = [[number] for number in range(100)]
+    assert gc.isenabled() and gc.get_freeze_count() >= before + len(kept)
+
+
+def test_a_command_frees_no_objects_one_by_one_when_it_ends():
+    """Python's last search came after what was registered first: it finds everything frozen."""
+    code = "import atexit, gc; atexit.register(lambda: print(len(gc.get_objects())))\n"
+    words = [sys.executable, "-c", f"{code}from egosplat.cli import main; main()", "snakefile"]
+    told = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert int(told.stdout.splitlines()[-1]) < 1000

@@ -50,10 +50,7 @@ def test_a_malformed_option_is_an_error(folder, option):
         (["splats.iterations=5"], "splats", "iterations", 5),
         (["splats={iterations: 5}"], "splats", "iterations", 5),
         (["splats={iterations: 4}", "splats.iterations=5"], "splats", "iterations", 5),
-        (["language.lr=1e-4"], "language", "lr", 1e-4),
-        (["splats.densify_init=false"], "splats", "densify_init", False),
         (["frames.end_s=null"], "frames", "end_s", None),
-        (["data_root.adt=null"], "data_root", "adt", None),
         (["variants.mine.splats.iterations=7"], "variants", "mine", {"splats": {"iterations": 7}}),
     ],
 )

@@ -36,29 +36,20 @@ def locked(folder: Path) -> Path:
     return lock
 
 
-def test_locks_of_a_killed_snakemake_are_removed(tmp_path):
+def test_locks_of_killed_snakemakes_are_removed_and_stay_while_one_runs(tmp_path):
     lock = locked(tmp_path)
     first = another(tmp_path)
     assert first.said == "True" and not lock.exists()
-    lock = locked(tmp_path)
-    first.kill()
-    first.wait()
-    second = another(tmp_path)
-    assert second.said == "True" and not lock.exists()
-    second.communicate("")
-
-
-def test_locks_of_a_running_snakemake_stay(tmp_path):
-    first = another(tmp_path)
-    lock = locked(tmp_path)
+    locked(tmp_path)
     second, third = another(tmp_path), another(tmp_path)
     assert second.said == third.said == "False" and lock.exists()
     first.communicate("")
     assert another(tmp_path).communicate("")[0] == "" and lock.exists(), "two others are alive still"
-    second.communicate("")
-    third.communicate("")
+    for process in (second, third):
+        process.kill()
+        process.wait()
     last = another(tmp_path)
-    assert last.said == "True"
+    assert last.said == "True" and not lock.exists()
     last.communicate("")
 
 
