@@ -26,22 +26,14 @@ def least(part: dict[str, Any], whole: dict[str, Any]) -> Any:
         return {key: least(part["properties"][key], whole) for key in part.get("required", ())}
     if kind == "array":
         return [least(part["items"], whole)] * part.get("minItems", 0)
-    return {"string": "x", "integer": part.get("minimum"), "number": 0.0, "null": None, "boolean": False}[
-        kind
-    ]
+    return {"string": "x", "integer": part.get("minimum"), "number": 0.0, "boolean": False}.get(kind)
 
 
 def scores(accuracy: float, count: int) -> dict[str, dict]:
-    share = {
-        "count": count,
-        "accuracy": accuracy,
-        "categories": 10,
-        "accuracy_interval": [accuracy - 0.1, accuracy + 0.1],
-        "mean_iou": accuracy / 2,
-        "mean_iou_interval": [accuracy / 2 - 0.05, accuracy / 2 + 0.05],
-        "random_pixel": 0.05,
-        "middle_pixel": 0.15,
-    }
+    share = {"count": count, "categories": 10, "random_pixel": 0.05, "middle_pixel": 0.15}
+    share |= {"accuracy": accuracy, "accuracy_interval": [accuracy - 0.1, accuracy + 0.1]}
+    iou = accuracy / 2
+    share |= {"mean_iou": iou, "mean_iou_interval": [iou - 0.05, iou + 0.05]}
     nothing = dict.fromkeys(share, None) | {"count": 0, "categories": 0}
     return {"static": share, "dynamic": nothing, "all": share}
 
@@ -49,21 +41,19 @@ def scores(accuracy: float, count: int) -> dict[str, dict]:
 def queries(accuracy: float, count: int) -> list[dict]:
     """Rows that come to these scores: ten categories, those first in the alphabet found more often."""
 
-    def result(number: int) -> dict:
-        hit = {"hit": number < round(accuracy * count), "iou": accuracy / 2}
-        return hit | {"random_hit": 0.05, "middle_hit": number % 20 < 3, "instances": ["Thing"]}
-
-    return [
-        {
+    rows = []
+    for number in range(count):
+        own = {"hit": number < round(accuracy * count), "iou": accuracy / 2, "instances": ["Thing"]}
+        own |= {"random_hit": 0.05, "middle_hit": number % 20 < 3}
+        asked = {
             "frame": number % 10,
             "category": f"thing {number // 10}",
             "relevancy": 0.5,
-            **dict.fromkeys(("level", "pixel", "position", "mask_level")),
             "mask_pixels": 0,
-            "groups": {group: result(number) for group in ("static", "all")},
         }
-        for number in range(count)
-    ]
+        nowhere = dict.fromkeys(("level", "pixel", "position", "mask_level"))
+        rows.append(asked | nowhere | {"groups": {"static": own, "all": own}})
+    return rows
 
 
 @pytest.fixture
@@ -89,21 +79,17 @@ def scored(tmp_path) -> Callable[..., Path]:
         place, accuracy=0.5, origin="synthetic", checkpoint="small", options=None, count=100, **more
     ) -> Path:
         schema = validation.schema("metrics")
-        document = least(schema, schema)
-        counts = schema["properties"]["counts"]["properties"]
-        dataset, name, *below = place.split("/")
-        title = f"{dataset}/{name}" + (f", {below[1]}" if below[:1] == ["variants"] else "")
-        document |= {
-            "counts": {key: least(part, schema) for key, part in counts.items()},
-            "presence": least(schema["properties"]["presence"], schema),
+        parts = schema["properties"]
+        clip = {"checkpoint": checkpoint, "hash": "c0de" * 4, "small": checkpoint == "small"}
+        document = least(schema, schema) | {
+            "counts": {key: least(part, schema) for key, part in parts["counts"]["properties"].items()},
+            "presence": least(parts["presence"], schema),
             "length_unit": "m",
-            "scene": title,
+            "scene": place.replace("/variants/", ", "),
             "origin": origin,
             "scores": scores(accuracy, count),
             "queries": queries(accuracy, count),
-        }
-        document["models"] = {
-            "clip_checkpoint": {"checkpoint": checkpoint, "hash": "c0de" * 4, "small": checkpoint == "small"}
+            "models": {"clip_checkpoint": clip},
         }
         document |= more
         document["provenance"]["options"] = OPTIONS | (options or {})

@@ -9,15 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.public.boxes import (
-    CLASSES,
-    LABELED,
-    PLATES,
-    camera_x,
-    render,
-    write_3d_ovs,
-    write_lerf,
-)
+from benchmarks.public.boxes import CLASSES, LABELED, PLATES, camera_x, render, write_3d_ovs, write_lerf
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES
 from egosplat.errors import UserError
@@ -50,13 +42,10 @@ def read(format, recording, **keys):
 
 def test_labels_choose_the_evaluation_frames_whatever_the_stride(format, recording):
     frames, annotations = read(format, recording, stride=3)
-    taken = sorted({0, 3, 6, *LABELED})
-    assert (frames.read("timestamp_ns") // 10**9).tolist() == taken
-    expected = [place in LABELED for place in taken]
-    assert frames.read("evaluation").tolist() == expected and frames.read("train").tolist() == [
-        not one for one in expected
-    ]
-    assert annotations.read("annotated").all()
+    taken = np.array(sorted({0, 3, 6, *LABELED}))
+    assert (frames.read("timestamp_ns") // 10**9 == taken).all() and annotations.read("annotated").all()
+    labeled = np.isin(taken, LABELED)
+    assert (frames.read("evaluation") == labeled).all() and (frames.read("train") == ~labeled).all()
 
 
 def test_overlapping_objects_of_lerf_are_whole(tmp_path):
@@ -88,9 +77,8 @@ def test_classes_of_3d_ovs_are_exact(tmp_path):
     assert not annotations.has("covered_map")
     for row, place in enumerate(LABELED):
         _, shown = render(camera_x()[place])
-        expected = np.array(
-            [CLASSES.index("box" if one.category == "sign" else one.category) for one in PLATES]
-        )[shown]
+        categories = ["box" if one.category == "sign" else one.category for one in PLATES]
+        expected = np.array([CLASSES.index(category) for category in categories])[shown]
         assert (annotations.row("instance_map", row) == expected).all()
 
 
@@ -101,18 +89,15 @@ def test_labels_are_rectified_and_resized_with_their_pictures(format, recording)
     assert annotations.shape("instance_map")[1:] == frames.shape("rgb")[1:3] == (36, 48)
 
 
-def test_a_picture_without_number_is_labeled_by_its_place():
-    pictures = ["images/IMG_a.jpg", "images/IMG_b.jpg", "images/IMG_c.jpg"]
+NUMBERLESS = ["images/IMG_a.jpg", "images/IMG_b.jpg", "images/IMG_c.jpg"]
+
+
+def test_a_label_is_of_the_picture_of_its_name_or_of_its_place_where_none_has_a_number():
     labels = {"02": Path("02"), "00": Path("00")}
-    assert match_labels(labels, pictures) == {0: Path("00"), 2: Path("02")}
-
-
-@pytest.mark.parametrize(
-    "name, pictures", [("3", ["a.png", "b.png"]), ("00", ["1.png", "x.png"]), ("a", ["x/a.png", "y/a.png"])]
-)
-def test_a_label_of_no_single_picture_is_named(name, pictures):
-    with pytest.raises(UserError, match=f"labels/{name}.*named {name}"):
-        match_labels({name: Path("labels") / name}, pictures)
+    assert match_labels(labels, NUMBERLESS) == {0: Path("00"), 2: Path("02")}
+    for name, pictures in (("3", NUMBERLESS), ("00", ["1.png", "x.png"]), ("a", ["x/a.png", "y/a.png"])):
+        with pytest.raises(UserError, match=f"labels/{name}.*named {name}"):
+            match_labels({name: Path("labels") / name}, pictures)
 
 
 def test_painted_masks_share_layers_where_they_can():
@@ -167,13 +152,11 @@ BAD_MASKS = {
 }  # fmt: skip
 
 
-BAD = {"lerf": (write_lerf, BAD_LABELS), "3d_ovs": (write_3d_ovs, BAD_MASKS)}
+BAD = [("lerf", *case) for case in BAD_LABELS.values()] + [("3d_ovs", *case) for case in BAD_MASKS.values()]
 
 
-@pytest.mark.parametrize(("format", "kind"), [(format, kind) for format in BAD for kind in BAD[format][1]])
-def test_a_bad_file_is_named(tmp_path, format, kind):
-    write, table = BAD[format]
-    recording, (change, expected) = write(tmp_path), table[kind]
+@pytest.mark.parametrize(("format", "change", "expected"), BAD)
+def test_a_bad_file_is_named(recording, tmp_path, format, change, expected):
     change(tmp_path)
     with pytest.raises(UserError, match=expected) as raised:
         read(format, recording)
@@ -184,8 +167,7 @@ def test_a_class_that_a_picture_does_not_show_has_a_black_mask(tmp_path):
     recording = write_3d_ovs(tmp_path)
     write_mask(96, 72)(tmp_path)
     _, annotations = read("3d_ovs", recording)
-    shown = [(annotations.row("instance_map", row) == 1).any() for row in (0, 1)]
-    assert shown == [False, True]
+    assert [(annotations.row("instance_map", row) == 1).any() for row in (0, 1)] == [False, True]
 
 
 def test_pictures_in_images_are_found_without_known_poses(tmp_path):

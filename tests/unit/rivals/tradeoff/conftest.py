@@ -14,24 +14,18 @@ def variant(scored, made) -> Callable[..., Path]:
         seconds = {"frames": 1.0, "annotations": 600.0, "splats": minutes and 60.0 * minutes}
         entries = made(
             **{
-                stage: {
-                    "wall_s": wall,
-                    "cpu_s": 2 * wall,
-                    "peak_memory_mb": 500.0 + wall,
-                    "disk_mb": 10.0,
-                    "machine": "a processor, 2 cores",
-                }
+                stage: {"wall_s": wall, "cpu_s": 2 * wall, "peak_memory_mb": 500.0 + wall, "disk_mb": 10.0}
+                | {"machine": "a processor, 2 cores"}
                 for stage, wall in seconds.items()
                 if wall
             }
         )
+        artifacts = entries["artifacts"]
         if splats is None:
-            entries["artifacts"]["splats.zarr"] = None
+            artifacts["splats.zarr"] = None
         elif minutes:
-            record = entries["artifacts"]["splats.zarr"] | dict(splats)
-            entries["artifacts"]["splats.zarr"] = {
-                key: value for key, value in record.items() if value is not None
-            }
+            record = artifacts["splats.zarr"] | dict(splats)
+            artifacts["splats.zarr"] = {key: value for key, value in record.items() if value is not None}
         place = f"adt/{scene}" + (f"/variants/{name}" if name else "")
         return scored(place, accuracy, **(entries | more))
 
