@@ -29,25 +29,17 @@ def whole(region: torch.Tensor) -> Sample:
     return sample_regions(region, 2 * len(region) ** 2, torch.Generator().manual_seed(0))
 
 
-def test_the_decoders_have_as_many_numbers_as_published():
+def test_the_decoders_are_as_published_and_add_the_first_and_third_layer_and_those_and_the_sixth():
     assert len(Layers((CHANNELS, *HIDDEN, 512), 0, CPU, skips=SKIPS).values) == 596_480
     assert len(Layers(SCALES, 0, CPU).values) == 20_323
-
-
-def test_the_decoder_adds_the_first_and_third_layer_and_those_and_the_sixth():
-    layers = Layers((CHANNELS, *HIDDEN, 5), 0, CPU, skips=SKIPS)
-    code = torch.randn(3, CHANNELS)
-    linear = split_layers(layers.values, (CHANNELS, *HIDDEN, 5))
-
-    def layer(number: int, values: torch.Tensor) -> torch.Tensor:
-        weights, biases = linear[number - 1]
-        return (values @ weights.T + biases).relu()
-
-    x1 = layer(1, code)
-    x3 = x1 + layer(3, layer(2, x1))
-    x5 = x3 + layer(6, layer(5, layer(4, x3)))
-    wanted = layer(8, layer(7, x5)) @ linear[8][0].T + linear[8][1]
-    torch.testing.assert_close(layers(code), wanted)
+    layers, x = Layers((CHANNELS, *HIDDEN, 5), 0, CPU, skips=SKIPS), torch.randn(3, CHANNELS)
+    *hidden, (weights, biases) = split_layers(layers.values, (CHANNELS, *HIDDEN, 5))
+    outputs = [x]
+    for number, (own_weights, own_biases) in enumerate(hidden, 1):
+        found = (outputs[-1] @ own_weights.T + own_biases).relu()
+        added = {3: outputs[1:2], 6: outputs[3:4]}.get(number, [])
+        outputs.append(sum(added, found))
+    torch.testing.assert_close(layers(x), outputs[-1] @ weights.T + biases)
 
 
 def test_entropy_of_equal_weights():
@@ -77,18 +69,15 @@ def test_sampled_regions_have_the_mean_of_all_pixels():
     assert wanted == pytest.approx(float(torch.tensor(found).mean()), abs=error)
 
 
-def test_variance_of_two_pixels_in_one_of_the_channels():
+def test_variance_of_two_pixels_in_one_of_the_channels_and_nothing_without_regions():
     values = torch.zeros(5, CHANNELS)
     values[1, 3] = 1.0
     sample = whole(torch.tensor([0, 0, 1, -1, -1]))  # region 1 has one pixel
     found = variance_within(values[sample.pixel], sample, pixels=400)
     assert float(found) == pytest.approx(2 * 0.5 / CHANNELS / 400)
-
-
-def test_without_regions_both_are_zero():
-    sample = whole(torch.tensor([-1, -1]))
-    assert float(mean_over_regions(torch.zeros(0), sample)) == 0.0
-    assert float(variance_within(torch.zeros(0, 2), sample, 4)) == 0.0
+    nothing = whole(torch.tensor([-1, -1]))
+    assert float(mean_over_regions(torch.zeros(0), nothing)) == 0.0
+    assert float(variance_within(torch.zeros(0, 2), nothing, 4)) == 0.0
 
 
 def test_a_pixel_without_a_level_has_no_target_and_weights_get_a_gradient_through_it():

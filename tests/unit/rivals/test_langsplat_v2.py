@@ -6,6 +6,7 @@ import torch
 
 from egosplat.errors import UserError
 from egosplat_rivals.langsplat_v2 import WORDS, codebook, coefficients
+from egosplat_rivals.loop import fewer_iterations
 
 
 def test_only_the_four_largest_logits_get_a_gradient():
@@ -44,3 +45,8 @@ def test_few_different_features_are_the_codebook_and_none_is_an_error():
     assert sorted(map(tuple, codebook(rows, 0))) == [(0.0, 1.0), (1.0, 0.0)]
     with pytest.raises(UserError, match=r"language\.method"):
         codebook(rows[:0], 0)
+
+
+def test_only_a_shorter_training_stands_in():
+    assert fewer_iterations(29_999, 30_000, " a level") == ("29,999 of 30,000 iterations a level",)
+    assert fewer_iterations(30_000, 30_000) == ()

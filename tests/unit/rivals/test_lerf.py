@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from torch.nn import functional as F
 
 from egosplat.language.decoder import decode
 from egosplat_rivals.hash_grid import (
@@ -21,23 +22,20 @@ from egosplat_rivals.lerf import (
     learning_rate,
 )
 
+SPREAD, AXIS, TURNED = torch.full((1, 100), 0.1), torch.eye(1, 100), torch.tensor([1.0, -1.0]).repeat(50)
+
 
 @pytest.mark.parametrize(
-    ("angle", "expected"),
-    [("equal", 0.0), ("orthogonal", 0.1), ("opposite", 0.2), ("opposite axis", 0.171875)],
+    ("one", "other", "expected"),
+    [
+        (SPREAD, SPREAD, 0.0),
+        (SPREAD, SPREAD * TURNED, 0.1),
+        (SPREAD, -SPREAD, 0.2),
+        (AXIS, -AXIS, 0.171875),  # Huber's linear part
+    ],
 )
-def test_loss_of_unit_vectors(angle, expected):
-    spread = torch.full((1, 100), 0.1)
-    other = {
-        "equal": spread,
-        "orthogonal": spread * torch.tensor([1.0, -1.0]).repeat(50),
-        "opposite": -spread,
-        "opposite axis": None,
-    }[angle]
-    if other is None:  # Huber's linear part
-        spread = torch.eye(1, 100)
-        other = -spread
-    assert float(feature_loss(spread, other)) == pytest.approx(expected, abs=1e-6)
+def test_loss_of_unit_vectors(one, other, expected):
+    assert float(feature_loss(one, other)) == pytest.approx(expected, abs=1e-6)
 
 
 def test_the_scale_doubles_with_the_distance():
@@ -85,15 +83,15 @@ def test_the_rate_falls_over_four_thousand_steps():
 
 def test_baked_codes_decode_to_the_field():
     """A field of few directions fits a basis of as many numbers."""
-    centers = torch.nn.functional.normalize(
-        torch.randn(3, 16, generator=torch.Generator().manual_seed(0)), dim=1
+    draw = torch.Generator().manual_seed(0)
+    centers, means = (
+        F.normalize(torch.randn(3, 16, generator=draw), dim=1),
+        torch.randn(200, 3, generator=draw),
     )
 
     def field(points, scale):
-        mixed = points.softmax(dim=1) @ centers + scale[:, None] * centers[0]
-        return torch.nn.functional.normalize(mixed, dim=1)
+        return F.normalize(points.softmax(dim=1) @ centers + scale[:, None] * centers[0], dim=1)
 
-    means = torch.randn(200, 3, generator=torch.Generator().manual_seed(1))
     scales = torch.tensor([0.0, 0.7, 1.5])
     code, decoder = evaluate_at_centers(field, means, scales, 3)
     assert code.shape == (200, 3, 3)

@@ -51,9 +51,8 @@ def test_each_tile_is_openclip_s_feature_of_what_it_shows(scene, run, clip_keys)
 def test_tiles_beyond_the_border_are_black():
     rgb = np.full((SIZE, SIZE, 3), 200, np.uint8)
     scale = pyramid(SIZE, SIZE)[6]
-    tiles = list(stage.cut_tiles(rgb, scale))
-    assert len(tiles) == scale.rows * scale.columns
-    assert all(tile.shape == (20, 20, 3) for tile in tiles)
+    tiles = np.stack([*stage.cut_tiles(rgb, scale)])
+    assert tiles.shape == (scale.rows * scale.columns, 20, 20, 3)
     assert tiles[0][:10].max() == tiles[0][:, :10].max() == 0 and tiles[0][10:, 10:].min() == 200
 
 
@@ -82,11 +81,20 @@ def test_batches_and_kills_change_nothing(scene, run, monkeypatch):
         np.testing.assert_allclose(other.read(name), whole.read(name), atol=2e-3)
 
 
-def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatch):
+def test_jobs_of_chunks_give_the_same_artifact_with_the_standardised_components_of_sam2(
+    scene, run, clip_keys, monkeypatch
+):
     """The last chunk has no frame to train on."""
     monkeypatch.setattr("egosplat.pipeline.chunks.CHUNK_FRAMES", 2)
     folder = scene()
     whole = run(folder, "whole.zarr", regulariser="sam2")
+    maps = whole.read("regulariser").astype(np.float64)
+    assert maps.shape[0] == 4 and maps.shape[1] == maps.shape[2] and 1 <= maps.shape[3] <= 64
+    assert 0.5 < whole.facts["variance"] <= 1.0
+    flat = maps.reshape(-1, maps.shape[3])
+    np.testing.assert_allclose(flat.mean(axis=0), 0.0, atol=0.05)
+    assert (np.diff(flat.var(axis=0)) < 0.05).all(), "the largest components come first"
+    assert set(whole.provenance["models"]) == {"clip_checkpoint", "sam2_checkpoint"}
     options = stage.TilesOptions(**KEYS | clip_keys | {"regulariser": "sam2"})
     files = [folder / f"tiles.{number}.chunk" for number in (1, 2, 3)]
     for number, file in enumerate(files, 1):
@@ -94,17 +102,6 @@ def test_jobs_of_chunks_give_the_same_artifact(scene, run, clip_keys, monkeypatc
     stage.run(folder / "frames.zarr", folder / "tiles.zarr", options, gather=files)
     gathered = verify(folder / "tiles.zarr", SCHEMAS)
     assert gathered.digest == whole.digest and gathered.facts == whole.facts
-
-
-def test_sam2_s_map_is_kept_as_standardised_components(scene, run):
-    tiles = run(scene(), regulariser="sam2")
-    maps = tiles.read("regulariser").astype(np.float64)
-    assert maps.shape[0] == 4 and maps.shape[1] == maps.shape[2] and 1 <= maps.shape[3] <= 64
-    assert 0.5 < tiles.facts["variance"] <= 1.0
-    flat = maps.reshape(-1, maps.shape[3])
-    np.testing.assert_allclose(flat.mean(axis=0), 0.0, atol=0.05)
-    assert (np.diff(flat.var(axis=0)) < 0.05).all(), "the largest components come first"
-    assert set(tiles.provenance["models"]) == {"clip_checkpoint", "sam2_checkpoint"}
 
 
 def test_no_frame_to_train_on_is_an_error(scene, run):

@@ -6,15 +6,8 @@ import pandas as pd
 import pytest
 
 from egosplat.errors import UserError
-from egosplat_rivals.tradeoff.measured import (
-    COUNTS,
-    GAINS,
-    best_within,
-    find_front,
-    list_numbers,
-    mean_points,
-    read_runs,
-)
+from egosplat_rivals.tradeoff import measured
+from egosplat_rivals.tradeoff.measured import best_within, find_front, list_numbers, mean_points, read_runs
 
 
 def test_costs_are_of_what_makes_the_scene(variant):
@@ -24,7 +17,7 @@ def test_costs_are_of_what_makes_the_scene(variant):
     expected = {"wall_s": 601, "cpu_s": 1202, "peak_memory_mb": 1100, "disk_mb": 20, "accuracy": 0.5}
     assert totals.value[list(expected)].to_dict() == expected
     assert (totals.low["accuracy"], totals.high["accuracy"]) == (0.4, 0.6)
-    assert set(totals.index) == {"wall_s", "cpu_s", "peak_memory_mb", "disk_mb", *GAINS, *COUNTS}
+    assert set(totals.index) == {*measured.MEASURES}
     assert set(numbers.stage) == {"", "frames", "annotations", "splats", "metrics"}
     assert set(numbers.about) == {"synthetic apartments, small checkpoints"}
 
@@ -48,14 +41,14 @@ def test_the_mean_is_over_points_that_all_scenes_have(variant):
 
 def test_what_cannot_be_compared_is_rejected(variant):
     whole = variant(None)
-    with pytest.raises(UserError, match="strict/metrics.json.* metrics.hit_region"):
-        read_runs([whole, variant("strict", options={"hit_region": "mask"})])
-    with pytest.raises(UserError, match="lerf/metrics.json.* LERF"):
-        read_runs([whole, variant("lerf", method="LERF")])
-    with pytest.raises(UserError, match="splats.zarr"):
-        read_runs([variant("lost", splats=None)])
-    with pytest.raises(UserError, match="absent.json"):
-        read_runs([whole.with_name("absent.json")])
+    for other, words in (
+        (variant("strict", options={"hit_region": "mask"}), "strict/metrics.json.* metrics.hit_region"),
+        (variant("lerf", method="LERF"), "lerf/metrics.json.* LERF"),
+        (variant("lost", splats=None), "splats.zarr"),
+        (whole.with_name("absent.json"), "absent.json"),
+    ):
+        with pytest.raises(UserError, match=words):
+            read_runs([whole, other])
 
 
 def points(*values: tuple[float, float], gain: str = "accuracy") -> pd.DataFrame:
