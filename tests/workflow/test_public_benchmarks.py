@@ -24,17 +24,13 @@ def test_from_files_to_scores(tmp_path, monkeypatch, format):
     config = of_format(resolve({"splats": {"masking": "refined"}}, PRESETS), format)
     recording = WRITERS[format](tmp_path / "data")
     run_all(tmp_path, recording, format=format, config=config)
-    paths = {
-        name: tmp_path / f"{name}.zarr" for name in ("frames", "poses", "splats", "language", "features")
-    }
-    annotations = tmp_path / "annotations.zarr"
-    annotations_stage.run(recording, paths["frames"], annotations, annotations_stage.AnnotationsOptions())
-    options = metrics.MetricsOptions(**stage_values("metrics", config))
-    metrics.run(
-        annotations_path=annotations, output=tmp_path / "metrics.json", options=options, title=f"{format}/boxes",
-        **{f"{name}_path": path for name, path in paths.items()},
-    )  # fmt: skip
-    found = json.loads((tmp_path / "metrics.json").read_text())
+    names = ("frames", "annotations", "poses", "splats", "language", "features")
+    paths = {f"{name}_path": tmp_path / f"{name}.zarr" for name in names}
+    given = recording, paths["frames_path"], paths["annotations_path"]
+    annotations_stage.run(*given, annotations_stage.AnnotationsOptions())
+    options, output = metrics.MetricsOptions(**stage_values("metrics", config)), tmp_path / "metrics.json"
+    metrics.run(output=output, options=options, title=f"{format}/boxes", **paths)
+    found = json.loads(output.read_text())
     Draft202012Validator(schema("metrics")).validate(found)
     # The models are trained on the evaluation frames, too.
     assert found["counts"]["training_frames"] == found["counts"]["frames"] == 8

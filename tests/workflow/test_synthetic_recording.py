@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.colmap.alignment import trajectory_error
-from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES, POSES
 from egosplat.frames import annotations_stage, stage
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS
@@ -19,49 +19,50 @@ from egosplat_apartments.adt_format.aria import device_from_camera
 from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence
 from egosplat_apartments.stage import make_sequence
 
-KEYS = defaults()
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("synthetic")
 
 
+def find_poses(folder: Path, name: str, **changes: str) -> None:
+    options = poses_stage.PosesOptions(**defaults()["poses"] | changes)
+    poses_stage.run(folder / "recording", folder / "frames.zarr", folder / name, options)
+
+
 @pytest.fixture(scope="module")
 def sequence(folder) -> Sequence:
     made = make_sequence(name="test", seed=11, size=352, fps=4.0, seconds=9.0, objects=20, motion=0.5)
-    write_sequence(made, folder / "recording")
-    keys = KEYS["frames"] | {"resolution": 352, "evaluation_frames": 6}
-    stage.run(folder / "recording", folder / "frames.zarr", stage.FramesOptions(**keys), format="adt")
-    annotations_stage.run(
-        folder / "recording",
-        folder / "frames.zarr",
-        folder / "annotations.zarr",
-        annotations_stage.AnnotationsOptions(**KEYS["annotations"]),
-    )
-    options = poses_stage.PosesOptions(**KEYS["poses"])
-    poses_stage.run(folder / "recording", folder / "frames.zarr", folder / "poses.zarr", options)
+    recording, frames = folder / "recording", folder / "frames.zarr"
+    write_sequence(made, recording)
+    keys = defaults()["frames"] | {"resolution": 352, "evaluation_frames": 6}
+    stage.run(recording, frames, stage.FramesOptions(**keys), format="adt")
+    options = annotations_stage.AnnotationsOptions(**defaults()["annotations"])
+    annotations_stage.run(recording, frames, folder / "annotations.zarr", options)
+    find_poses(folder, "poses.zarr")
     return made
 
 
 @pytest.fixture(scope="module")
-def truth(sequence, folder) -> np.ndarray:
+def opened(sequence, folder) -> dict[str, Artifact]:
+    schemas = {"frames": FRAMES, "annotations": ANNOTATIONS, "poses": POSES}
+    return {name: open_artifact(folder / f"{name}.zarr", schema) for name, schema in schemas.items()}
+
+
+@pytest.fixture(scope="module")
+def truth(sequence, opened) -> np.ndarray:
     """(F, 4, 4) true poses of the upright pictures."""
-    times = open_artifact(folder / "frames.zarr", FRAMES).read("exposure_middle_ns")
+    times = opened["frames"].read("exposure_middle_ns")
     return sequence.device_pose(times) @ device_from_camera() @ CLOCKWISE
 
 
-def test_reader_and_writer_agree_on_the_exposure_middle():
+def test_reader_and_writer_agree_on_the_exposure_middle_and_the_origin(opened):
     assert EXPOSURE_MIDDLE_AFTER_CAPTURE_NS == ROLLING_SHUTTER_MIDDLE_NS
+    assert {artifact.origin for artifact in opened.values()} == {"synthetic"}
 
 
-def test_synthetic_origin_is_recorded_in_every_artifact(sequence, folder):
-    for name, schema in (("frames", FRAMES), ("annotations", ANNOTATIONS), ("poses", POSES)):
-        assert open_artifact(folder / f"{name}.zarr", schema).origin == "synthetic"
-
-
-def test_poses_agree_to_numerical_precision(sequence, folder, truth):
-    poses = open_artifact(folder / "poses.zarr", POSES)
+def test_poses_agree_to_numerical_precision(opened, truth):
+    poses = opened["poses"]
     assert poses.read("registered").all()
     found = poses.read("camera_to_world")
     assert np.abs(found[:, :3, 3] - truth[:, :3, 3]).max() < 1e-6
@@ -69,10 +70,9 @@ def test_poses_agree_to_numerical_precision(sequence, folder, truth):
     np.testing.assert_allclose(poses.read("up"), [0, 1, 0], atol=1e-9)
 
 
-def test_objects_are_seen_where_they_are(sequence, folder, truth):
+def test_objects_are_seen_where_they_are(sequence, opened, truth):
     """The center of each static object's box projects into or next to its own pixels."""
-    frames = open_artifact(folder / "frames.zarr", FRAMES)
-    annotations = open_artifact(folder / "annotations.zarr", ANNOTATIONS)
+    frames, annotations = opened["frames"], opened["annotations"]
     camera = Camera(**frames.facts["camera"])
     instances = {one["id"]: index for index, one in enumerate(annotations.facts["instances"])}
     edge = cv2.erode(frames.read("valid").astype(np.uint8), np.ones((9, 9))) == 0
@@ -94,31 +94,26 @@ def test_objects_are_seen_where_they_are(sequence, folder, truth):
     assert seen >= 10 and near >= 0.9 * seen  # some are hidden in part
 
 
-def test_points_lie_on_what_is_seen(sequence, folder, truth):
+def test_points_lie_on_what_is_seen(opened, truth):
     """Semi-dense points project inside the picture and are separated by the lens circle only."""
-    frames, poses = open_artifact(folder / "frames.zarr", FRAMES), open_artifact(folder / "poses.zarr", POSES)
-    camera = Camera(**frames.facts["camera"])
-    points = poses.read("points/xyz")
+    camera, points = Camera(**opened["frames"].facts["camera"]), opened["poses"].read("points/xyz")
     seen = np.zeros(len(points), bool)
     for pose in truth:
         seen |= camera.contains(camera.project(transform(invert(pose), points)))
     assert len(points) > 5_000 and seen.mean() > 0.97
 
 
-def test_people_are_annotated_and_something_is_carried(sequence, folder):
-    annotations = open_artifact(folder / "annotations.zarr", ANNOTATIONS)
-    instances = annotations.facts["instances"]
-    assert annotations.read("annotated").all()
+def test_people_are_annotated_and_something_is_carried(opened):
+    instances = opened["annotations"].facts["instances"]
+    assert opened["annotations"].read("annotated").all()
     assert sum(one["instance_type"] == "human" for one in instances) >= 1
     assert len({one["category"] for one in instances}) >= 12
     assert {one["motion_type"] for one in instances} == {"static", "dynamic"}
 
 
-def test_colmap_finds_the_true_trajectory(sequence, folder, truth):
-    output = folder / "colmap.zarr"
-    keys = KEYS["poses"] | {"method": "colmap"}
-    poses_stage.run(folder / "recording", folder / "frames.zarr", output, poses_stage.PosesOptions(**keys))
-    found = open_artifact(output, POSES)
+def test_colmap_finds_the_true_trajectory(folder, truth):
+    find_poses(folder, "colmap.zarr", method="colmap")
+    found = open_artifact(folder / "colmap.zarr", POSES)
     registered = found.read("registered")
     assert registered.mean() >= 0.9
     error = trajectory_error(found.read("camera_to_world")[registered], truth[registered])

@@ -23,14 +23,10 @@ VARIANTS = {
 }
 
 
-def comparing(*names: str) -> str:
-    """Configuration that compares these variants."""
-    return json.dumps({"variants": VARIANTS, "tradeoff": {"variants": names}})
-
-
-def planned(workdir, config: str) -> Counter[str]:
-    """How many jobs of each rule the page would run."""
-    (workdir.folder / "more.yaml").write_text(config)
+def planned(workdir, *names: str) -> Counter[str]:
+    """How many jobs of each rule the page of these variants would run."""
+    config = {"variants": VARIANTS, "tradeoff": {"variants": names}}
+    (workdir.folder / "more.yaml").write_text(json.dumps(config))
     done = workdir.snakemake("more.yaml", "--dry-run", "--quiet", "host", "--", PAGE)
     assert done.returncode == 0, done.stdout + done.stderr
     return Counter(re.findall(r"^(?:local)?rule (\w+):", done.stdout + done.stderr, re.MULTILINE))
@@ -50,33 +46,29 @@ def planned(workdir, config: str) -> Counter[str]:
     ],
 )
 def test_variants_share_what_they_have_in_common(unchanged, names, expected):
-    assert planned(unchanged, comparing(*names)) == expected
+    assert planned(unchanged, *names) == expected
 
 
 def test_the_paper_scaled_shares_pictures_and_poses(unchanged):
-    found = planned(unchanged, comparing("paper_scaled"))
+    found = planned(unchanged, "paper_scaled")
     assert set(found).isdisjoint({"frames", "annotations", "poses"})
     assert found["segments"] == found["splats"] == found["metrics"] == 1
 
 
 def test_a_page_of_one_variant_is_made_and_then_up_to_date(workdir):
-    config = comparing("narrow")
-    (workdir.folder / "mine.yaml").write_text(config)
-    done = workdir.snakemake("mine.yaml", "--", PAGE)
+    assert planned(workdir, "narrow")["tradeoff"] == 1
+    done = workdir.snakemake("more.yaml", "--", PAGE)
     assert done.returncode == 0, done.stdout + done.stderr
-    numbers = pd.read_csv((workdir.folder / PAGE).with_suffix(".csv"), keep_default_na=False)
-    numbers["value"] = pd.to_numeric(numbers["value"])
+    numbers = pd.read_csv((workdir.folder / PAGE).with_suffix(".csv")).fillna({"stage": ""})
     values = numbers.set_index(["point", "stage", "measure"])["value"]
     assert values["the scene", "", "psnr"] == values["narrow", "", "psnr"], "the same Gaussians"
-    assert set(values["narrow"].index.get_level_values("stage")) == {"", *SCHEMAS, "metrics"} - {
-        "tiles",
-        "histories",
-    }
+    stages = {"", *SCHEMAS, "metrics"} - {"tiles", "histories"}
+    assert set(values["narrow"].index.get_level_values("stage")) == stages
     assert values["narrow", "splats"].to_dict() == values["the scene", "splats"].to_dict()
     # metrics.json does not record its own size.
-    assert numbers[numbers["value"].isna()]["measure"].tolist() == ["disk_mb"] * 2
-    assert planned(workdir, config) == {}
+    assert values[values.isna()].index.get_level_values("measure").tolist() == ["disk_mb"] * 2
+    assert planned(workdir, "narrow") == {}
     table = CliRunner().invoke(benchmark.main, [str(workdir.folder / SCENE)], catch_exceptions=False)
     assert [row[0].strip("*") for row in cells(table.stdout)[1:]] == ["the scene", "narrow"]
     workdir.edit("egosplat_rivals/tradeoff/chart.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ")
-    assert planned(workdir, config) == {"tradeoff": 1}
+    assert planned(workdir, "narrow") == {"tradeoff": 1}
