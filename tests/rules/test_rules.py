@@ -64,9 +64,9 @@ def same_folder(left: Path, right: Path) -> bool:
 
 
 # No page is an input of another rule, so one run makes all of them.
-ALONE = [(rule,) for rule in OUTPUTS if rule not in PAGES] + [
-    tuple(name for name in PAGES if name in OUTPUTS)
-]
+ALONE = [(rule,) for rule in OUTPUTS if rule not in (*PAGES, "synthetic")]
+LONG = [("synthetic",), tuple(name for name in PAGES if name in OUTPUTS)]
+ALONE += [pytest.param(rules, marks=pytest.mark.slow) for rules in LONG]
 
 
 @pytest.mark.parametrize("rules", ALONE, ids=lambda rules: rules[0] if len(rules) == 1 else "pages")
@@ -89,6 +89,7 @@ def run_rules(workdir, rules: tuple[str, ...], config: str, *targets: str) -> No
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_a_method_that_learns_from_tiles_is_scored_without_instances(workdir):
     for name in ("segments", "instances", "view_features", "features"):
         shutil.rmtree(workdir.folder / SCENE / f"{name}.zarr")
@@ -163,6 +164,7 @@ def test_the_survey_alone_decides_from_frames_and_poses(workdir):
     assert found["motion"]["masking"] == "refined"
 
 
+@pytest.mark.slow
 def test_the_tables_alone_show_the_scores_of_every_scene(workdir):
     (workdir.folder / "config/scenes.tsv").write_text((ROOT / ".test/config/scenes.tsv").read_text())
     variants = {name: {} for name in ("baseline", "no_masks", "network_masks")}
@@ -178,6 +180,7 @@ def test_the_tables_alone_show_the_scores_of_every_scene(workdir):
     assert np.isclose(own, 100 * scores["accuracy"], atol=0.06).any()
 
 
+@pytest.mark.slow
 def test_the_tradeoff_of_scenes_joins_them(workdir):
     config = """
 tradeoff: {variants: [], scenes: [adt/scene1]}

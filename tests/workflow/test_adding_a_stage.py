@@ -108,6 +108,7 @@ def test_a_stage_is_four_files_of_code():
     assert len(blocks()) == len(CODE) + 1
 
 
+@pytest.mark.slow
 def test_the_page_makes_a_stage_that_runs(checkout):
     """Its command, checks, target, provenance, staleness and variants are there, and no other stage changes."""
     before = checkout.codes()

@@ -109,24 +109,16 @@ def flip(chunk: Path, position: int) -> None:
     chunk.write_bytes(content)
 
 
-def test_a_damaged_vrs_file_is_named(scene, refused):
-    cut(scene / "recording/video.vrs", -500)
-    assert "recording/video.vrs: cannot be read " in refused(*frames(scene))
-
-
-def test_a_missing_vrs_file_is_named(scene, refused):
-    (scene / "recording/video.vrs").unlink()
-    assert "scene/recording: has no video.vrs or recording.vrs" in refused(*frames(scene))
-
-
-def test_a_truncated_segmentation_is_named(scene, refused):
-    cut(scene / "recording/segmentations_with_skeleton.vrs", -500)
+def test_bad_files_of_a_sequence_are_named(scene, refused):
+    recording = scene / "recording"
+    cut(recording / "segmentations_with_skeleton.vrs", -500)
     assert "segmentations_with_skeleton.vrs: cannot be read" in refused(*annotations(scene))
-
-
-def test_an_unreadable_table_of_instances_is_named(scene, refused):
-    (scene / "recording/instances.json").write_text('{"x": {}}')
+    (recording / "instances.json").write_text('{"x": {}}')
     assert "recording/instances.json: " in refused(*annotations(scene))
+    cut(recording / "video.vrs", -500)
+    assert "recording/video.vrs: cannot be read " in refused(*frames(scene))
+    (recording / "video.vrs").unlink()
+    assert "scene/recording: has no video.vrs or recording.vrs" in refused(*frames(scene))
 
 
 def test_a_broken_picture_leaves_no_frames(scene, refused, tmp_path):

@@ -2,6 +2,8 @@
 
 import re
 
+import pytest
+
 SCENE = "results/adt/scene1"
 SURVEY, VIEWS = f"{SCENE}/survey.json", f"{SCENE}/view_features.zarr"
 AUTO = "splats: {masking: auto}\n"
@@ -20,6 +22,7 @@ def made(workdir, *words: str) -> list[str]:
     )
 
 
+@pytest.mark.slow
 def test_only_a_long_recording_has_chunks_and_a_lost_one_alone_is_done_again(workdir):
     folder = workdir.folder
     (folder / "more.yaml").write_text(AUTO)

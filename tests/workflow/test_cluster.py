@@ -20,6 +20,8 @@ from tests.support.local_slurm import UNDER_WAY
 from tests.support.waiting import wait_for
 from tests.support.warm import on_cluster, run_snakemake
 
+pytestmark = pytest.mark.slow
+
 SCENE = Path("results/adt/scene1")
 METRICS = str(SCENE / "metrics.json")
 FRAMES = "results/mine/scene/frames.zarr"

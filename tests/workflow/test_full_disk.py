@@ -28,6 +28,7 @@ def refused(workdir, *targets: str) -> str:
     return told
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_during_a_stage_is_reported(on_small_disk, small_disk):
     target = SCENE / "recording"
     small_disk.leave(2**20 + 2**17)

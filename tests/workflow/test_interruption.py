@@ -12,6 +12,8 @@ import pytest
 from egosplat.artifacts.lineage import check_tree
 from tests.support.waiting import wait_for
 
+pytestmark = pytest.mark.slow
+
 SCENE = Path("results/adt/scene1")
 
 

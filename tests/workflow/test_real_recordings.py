@@ -9,6 +9,8 @@ import pytest
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES, POSES, SPLATS
 
+pytestmark = pytest.mark.slow
+
 PICTURES = ("results/mine/scene/contact_sheet.png", "results/mine/scene/splats.png")
 
 BRIEFLY = "splats.masking=none splats.iterations=30 splats.max_points=2000 splats.max_gaussians=2000"

@@ -41,6 +41,7 @@ def clip(tmp_path) -> Path:
     return video
 
 
+@pytest.mark.slow
 def test_a_video_becomes_a_scene_that_answers(clip, tmp_path):
     (folder := tmp_path / "empty").mkdir()
     done = egosplat_run(folder, str(clip), "--words", "couch", "wooden door")

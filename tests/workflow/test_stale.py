@@ -4,6 +4,7 @@ import json
 import os
 import re
 import shutil
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -75,63 +76,46 @@ def test_a_run_of_everything_makes_instances_only_for_codes_that_are_learnt_from
     assert planned & of_instances == (of_instances if instances else set())
 
 
+CODE = ("\ndef ", "\nCHANGED = 1\n\n\ndef ")
+"""An edit of a module: a constant before its first function."""
+
+PAGES = {
+    "report/sheets/queries_sheet.py": CODE,
+    "report/sheets/splats_sheet.py": ("PICTURES, CELL, CORRECTIONS = 4", "PICTURES, CELL, CORRECTIONS = 3"),
+    "report/sheets/contact_sheet.py": ("PICTURES, COLUMNS = 8", "PICTURES, COLUMNS = 6"),
+    "viewing/source/main.js": ("const FLUENT = 60", "const FLUENT = 50"),
+}
+
+
 @pytest.mark.parametrize(
-    "module, old, new, expected",
+    "edits, expected",
     [
-        ("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses", AFTER_POSES),
-        ("gaussians/trainer.py", "RECORD_EVERY = 10", "RECORD_EVERY = 20", AFTER_GAUSSIANS),
-        ("instances/merging.py", "FRAMES_A_BLOCK = 8", "FRAMES_A_BLOCK = 4", AFTER_INSTANCES),
-        ("segments/video.py", "MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3", AFTER_SEGMENTS),
-        ("features/aggregation.py", "\nNORMS = (", "\nCHANGED = 1\nNORMS = (", AFTER_FEATURES),
+        (PAGES, {"queries_sheet", "splats_sheet", "contact_sheet", "scene_page"}),
+        ({"evaluation/scores.py": CODE}, AFTER_QUERIES),
+        ({"query/maps.py": CODE}, {*AFTER_QUERIES, "scene_page", "language_sheet", "transient_sheet"}),
+        ({"language/lifting.py": CODE}, AFTER_LANGUAGE),
+        ({"splats/stage.py": CODE}, AFTER_SPLATS),
+        ({"transient/masks_stage.py": CODE}, AFTER_MASKS),
+        ({"transient/network.py": CODE}, AFTER_TRANSIENT),
+        ({"gaussians/trainer.py": ("RECORD_EVERY = 10", "RECORD_EVERY = 20")}, AFTER_GAUSSIANS),
         (
-            "rasterize/kernels/source/composite_backward.h",
-            "int MOMENTS = 6;",
-            "int MOMENTS = 7;",
+            {"rasterize/kernels/source/composite_backward.h": ("MOMENTS = 6;", "MOMENTS = 7;")},
             AFTER_GAUSSIANS,
         ),
-        ("splats/stage.py", "\ndef run", "\nCHANGED = 1\n\n\ndef run", AFTER_SPLATS),
-        ("transient/masks_stage.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_MASKS),
-        ("language/lifting.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_LANGUAGE),
-        (
-            "query/maps.py",
-            "\ndef ",
-            "\nCHANGED = 1\n\n\ndef ",
-            {*AFTER_QUERIES, "scene_page", "language_sheet", "transient_sheet"},
-        ),
-        ("viewing/source/main.js", "const FLUENT = 60", "const FLUENT = 50", {"scene_page"}),
-        ("evaluation/scores.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_QUERIES),
-        ("report/sheets/queries_sheet.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", {"queries_sheet"}),
-        (
-            "report/sheets/splats_sheet.py",
-            "PICTURES, CELL, CORRECTIONS = 4",
-            "PICTURES, CELL, CORRECTIONS = 3",
-            {"splats_sheet"},
-        ),
-        (
-            "frames/adt_annotations.py",
-            "\ndef ",
-            "\nCHANGED = 1\n\n\ndef ",
-            {"annotations", "contact_sheet", *AFTER_QUERIES},
-        ),
-        (
-            "report/sheets/contact_sheet.py",
-            "PICTURES, COLUMNS = 8",
-            "PICTURES, COLUMNS = 6",
-            {"contact_sheet"},
-        ),
-        (
-            "../egosplat_apartments/objects/textures.py",
-            "\ndef ",
-            "\nCHANGED = 1\n\n\ndef ",
-            {"synthetic", *AFTER_FRAMES},
-        ),
-        ("frames/selection.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_FRAMES),
-        ("features/crops.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_VIEWS),
-        ("transient/network.py", "\ndef ", "\nCHANGED = 1\n\n\ndef ", AFTER_TRANSIENT),
+        ({"features/aggregation.py": ("\nNORMS = (", "\nCHANGED = 1\nNORMS = (")}, AFTER_FEATURES),
+        ({"features/crops.py": CODE}, AFTER_VIEWS),
+        ({"instances/merging.py": ("FRAMES_A_BLOCK = 8", "FRAMES_A_BLOCK = 4")}, AFTER_INSTANCES),
+        ({"segments/video.py": ("MIN_COMMON_FRAMES = 2", "MIN_COMMON_FRAMES = 3")}, AFTER_SEGMENTS),
+        ({"poses/adt.py": CODE}, AFTER_POSES),
+        ({"frames/selection.py": CODE}, AFTER_FRAMES),
+        ({"frames/adt_annotations.py": CODE}, {"annotations", "contact_sheet", *AFTER_QUERIES}),
+        ({"../egosplat_apartments/objects/textures.py": CODE}, {"synthetic", *AFTER_FRAMES}),
     ],
 )
-def test_edited_code_reruns_the_stages_that_execute_it(unchanged, module, old, new, expected):
-    with unchanged.edited(module, old, new):
+def test_edited_code_reruns_the_stages_that_execute_it(unchanged, edits, expected):
+    with ExitStack() as edited:
+        for module, (old, new) in edits.items():
+            edited.enter_context(unchanged.edited(module, old, new))
         assert unchanged.stale(*unchanged.MAIN) == expected
 
 
@@ -150,7 +134,7 @@ WITHOUT_EFFECT = (
     ("instances/lifted_masks.py", "lifting masks", "placing masks"),
     # Of formats, sources of poses and methods that the scene does not use.
     ("calibration/colmap/mapping.py", "MIN_POINTS = 50", "MIN_POINTS = 60"),
-    ("poses/colmap.py", "\ndef colmap_poses", "\nCHANGED = 1\n\n\ndef colmap_poses"),
+    ("poses/colmap.py", *CODE),
     ("frames/pictures.py", "FOCAL_PRIOR = 1.2", "FOCAL_PRIOR = 1.3"),
     ("frames/hoi4d.py", "_MAX_LABEL = 6", "_MAX_LABEL = 7"),
     ("egosplat_rivals/lerf.py", "LARGEST_SCALE = 1.5", "LARGEST_SCALE = 1.6"),
@@ -221,18 +205,17 @@ def test_files_of_a_hoi4d_sequence_rerun_the_stages_that_read_them(one_scene, tm
     assert workdir.stale(annotations) == {"frames", "annotations"}
 
 
-@pytest.mark.parametrize(
-    "model, expected",
-    [
-        ("small_sam2/model.safetensors", AFTER_SEGMENTS),
-        ("small_open_clip/open_clip_model.safetensors", AFTER_VIEWS),
+def test_another_checkpoint_reruns_the_stages_that_load_it(workdir):
+    models = workdir.own_code() / "egosplat/models"
+    for model, expected in (
         ("small_open_clip/open_clip_config.json", AFTER_VIEWS),
-    ],
-)
-def test_another_checkpoint_reruns_the_stages_that_load_it(workdir, model, expected):
-    with (workdir.own_code() / "egosplat/models" / model).open("ab") as file:
-        file.write(b" ")
-    assert workdir.stale(*workdir.MAIN) == expected
+        ("small_open_clip/open_clip_model.safetensors", AFTER_VIEWS),
+        ("small_sam2/model.safetensors", AFTER_SEGMENTS),
+    ):
+        before = (models / model).read_bytes()
+        (models / model).write_bytes(before + b" ")
+        assert workdir.stale(*workdir.MAIN) == expected
+        (models / model).write_bytes(before)
 
 
 def test_other_encoder_weights_rerun_transient(workdir):
@@ -251,29 +234,22 @@ def test_other_encoder_weights_rerun_transient(workdir):
     assert workdir.stale(*workdir.MAIN, config=config) == AFTER_TRANSIENT
 
 
-def test_a_new_room_reruns_nothing(workdir):
-    (workdir.own_code() / "egosplat/another").mkdir()
-    (workdir.own_code() / "egosplat/another/__init__.py").write_text("# a comment\n")
-    assert workdir.stale(*workdir.MAIN) == set()
-
-
 def test_after_an_edit_only_that_stage_runs_and_then_nothing(workdir):
-    workdir.edit("poses/adt.py", "\ndef adt_poses", "\nCHANGED = 1\n\n\ndef adt_poses")
+    workdir.edit("poses/adt.py", *CODE)
     output = workdir.run(POSES)
     assert set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, re.MULTILINE)) == {"poses"}
     assert workdir.stale(POSES) == set()
 
 
-def test_a_lost_artifact_is_made_again_when_it_is_asked_for(workdir):
-    shutil.rmtree(workdir.folder / POSES)
-    assert workdir.stale(POSES) == {"poses"}
-
-
-def test_touching_sources_and_moving_the_checkout_reruns_nothing(workdir):
+def test_touched_sources_another_checkout_and_a_new_room_rerun_nothing_and_a_lost_artifact_itself(workdir):
     for file in workdir.own_code().rglob("*.py"):
         file.touch()
     (workdir.folder / "config/config.yaml").touch()
+    (workdir.own_code() / "egosplat/another").mkdir()
+    (workdir.own_code() / "egosplat/another/__init__.py").write_text("# a comment\n")
     assert workdir.stale(*workdir.MAIN) == set()
+    shutil.rmtree(workdir.folder / POSES)
+    assert workdir.stale(POSES) == {"poses"}
 
 
 SMALL_AGAIN = """

@@ -104,6 +104,7 @@ def test_a_run_of_everything_draws_what_the_survey_finds_to_move(work):
     assert work.stale("all", config=STATIC + tracks) & decided == set()
 
 
+@pytest.mark.slow
 def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
     assert made(work, STATIC, METRICS) >= {"survey", *SPLATS_ON}
     again = STATIC.replace("1.0}", "0.5}")
@@ -112,6 +113,7 @@ def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
     assert work.stale(METRICS, config=again) == set()
 
 
+@pytest.mark.slow
 def test_redundant_frames_are_left_out_of_training(work):
     made(work, LEAVING_OUT, SURVEY)
     views = read_survey(work.folder / SURVEY)["views"]

@@ -111,6 +111,7 @@ def test_people_are_annotated_and_something_is_carried(opened):
     assert {one["motion_type"] for one in instances} == {"static", "dynamic"}
 
 
+@pytest.mark.slow
 def test_colmap_finds_the_true_trajectory(folder, truth):
     find_poses(folder, "colmap.zarr", method="colmap")
     found = open_artifact(folder / "colmap.zarr", POSES)

@@ -55,6 +55,7 @@ def test_the_paper_scaled_shares_pictures_and_poses(unchanged):
     assert found["segments"] == found["splats"] == found["metrics"] == 1
 
 
+@pytest.mark.slow
 def test_a_page_of_one_variant_is_made_and_then_up_to_date(workdir):
     assert planned(workdir, "narrow")["tradeoff"] == 1
     done = workdir.snakemake("more.yaml", "--", PAGE)

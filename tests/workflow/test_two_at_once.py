@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from benchmarks.robustness.scene import remove
 from egosplat.artifacts.lineage import check_tree
 
@@ -9,6 +11,7 @@ ROOT = Path(__file__).parents[2]
 SCENE = Path("results/adt/scene1")
 
 
+@pytest.mark.slow
 def test_two_concurrent_runs_do_the_work_once(workdir, tmp_path):
     target = SCENE / "transient.png"
     remove(workdir.folder / SCENE / "transient.zarr")

@@ -128,6 +128,7 @@ def test_both_distributions_hold_the_licenses(sdist, wheel):
     assert licenses == {name.partition("/licenses/")[2] for name in inside if "/licenses/" in name}
 
 
+@pytest.mark.slow
 def test_an_empty_folder_is_enough(installed, tmp_path):
     """The library, the command line, and the plan of a whole scene by the command that a message advises."""
     where = "import egosplat, egosplat_apartments; print(egosplat.open_scene.__module__, egosplat.__file__)"

@@ -212,6 +212,7 @@ def test_points_are_filtered_by_track_length_and_error():
     assert notes == {"points": 2, "points_read": 5, "points_rejected": rejected}
 
 
+@pytest.mark.slow
 def test_real_photographs_are_all_registered_and_their_camera_is_found(real_data):
     paths = sorted(real_data("tum_fr3_office").glob("*.png"))
     images = [cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB) for path in paths]
