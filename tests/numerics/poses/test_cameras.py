@@ -1,7 +1,5 @@
 """Cameras that do not move, that only rotate, too few cameras, and cameras without poses."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +8,6 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import random_points, scene_extent, seen
-from egosplat.gaussians.training_views import split_views
 from egosplat.geometry import Camera, is_rigid, make_pose
 from egosplat.poses.result import Poses, mean_camera_up
 
@@ -83,17 +80,6 @@ def test_invalid_poses_are_rejected(matrix):
     colors, up = np.zeros((0, 3), np.uint8), np.array([0, -1.0, 0])
     with pytest.raises(ValueError, match="rigid|registered"):
         Poses(pose[None], CAMERA, np.zeros((0, 3)), colors, up, {})
-
-
-@pytest.mark.numerics("two frames, one frame, and no frame with a pose", outside="UserError without any")
-def test_few_frames():
-    flags = {"train": np.ones(2, bool), "evaluation": np.zeros(2, bool), "registered": np.ones(2, bool)}
-    read = SimpleNamespace(read=flags.__getitem__)
-    for count in (2, 1):
-        assert split_views(read, read)[0].sum() == count
-        flags["registered"][count - 1] = False
-    with pytest.raises(UserError, match="2 training frames"):
-        split_views(read, read)
 
 
 @pytest.mark.numerics(

@@ -18,11 +18,13 @@ SIZE = (WIDTH, HEIGHT)
 FILES = ("cameras", "images", "points3D")
 
 
+def files_of(recording, wanted):
+    return [path.relative_to(recording).as_posix() for path in known_pose_files(recording, wanted)]
+
+
 def check_poses(contents, model):
     """Each picture's pose is the model's, to rounding."""
-    assert sorted(map(Path, contents.names)) == sorted(
-        Path(contents.names[0]).parent / name for name in NAMES
-    )
+    assert sorted(Path(name).name for name in contents.names) == NAMES
     true = {image.name: image.cam_from_world().inverse().matrix() for image in model.images.values()}
     for name, pose in zip(contents.names, contents.camera_to_world, strict=True):
         np.testing.assert_allclose(pose, [*true[Path(name).name], [0, 0, 0, 1]], atol=1e-12)
@@ -51,6 +53,7 @@ def test_points_of_a_transforms_file(pictures, transforms, binary):
     encoding = "binary" if binary else "ascii"
     trimesh.PointCloud(xyz, rgb).export(pictures / "cloud.ply", encoding=encoding)
     transforms(ply_file_path="cloud.ply")
+    assert files_of(pictures, "auto") == ["transforms.json", "cloud.ply"]
     contents = read_known_poses(pictures, "transforms", *SIZE)
     np.testing.assert_array_equal(contents.points, xyz)
     np.testing.assert_array_equal(contents.point_rgb, rgb)
@@ -70,6 +73,7 @@ def test_the_format_is_found_or_named(pictures, colmap_folder, transforms):
     assert find_known_poses(pictures, "none") is None
     shutil.rmtree(colmap_folder)
     assert find_known_poses(pictures, "auto") == "transforms"
+    assert files_of(pictures, "auto") == ["transforms.json"]
     (pictures / "transforms.json").unlink()
     assert find_known_poses(pictures, "auto") is None
 
@@ -87,11 +91,8 @@ def test_a_cut_binary_file_is_named(pictures, colmap_folder, name, keep):
 POSE_OF_3 = r"(?<= )\S+ \S+ \S+ \S+ \S+ \S+ \S+(?= \d+ 3.png)"
 NOT_RIGID = "3.png: the pose|not a readable COLMAP model"
 BAD_MODELS = [
-    *(
-        (name, ".*", text, "not a readable")
-        for name in FILES
-        for text in ("hello world\n", "\xff\x00\xfe" * 50)
-    ),
+    *((name, ".*", "hello world\n", "not a readable") for name in FILES),
+    *((name, ".*", "\xff\x00\xfe" * 50, "not a readable") for name in FILES),
     ("cameras", ".*", f"1 FOV {WIDTH} {HEIGHT} 60 60 31 25 0.9\n", "1.png: .*model FOV .*OPENCV_FISHEYE"),
     ("images", "3.png", "3 a.png", "images.txt: 3 a.png: no spaces in names"),
     ("images", POSE_OF_3, "1 0 0 0 1e999 2 3", NOT_RIGID),
@@ -114,18 +115,6 @@ def test_a_folder_without_a_model_is_named(pictures, colmap_folder):
     (colmap_folder / "images.bin").unlink()
     with pytest.raises(UserError, match="colmap: has no images.bin. A COLMAP model has"):
         read_known_poses(pictures, "colmap", *SIZE)
-
-
-def test_a_model_with_two_cameras_has_a_lens_for_each(pictures, text_folder):
-    for name in ("rigs.txt", "frames.txt"):
-        (text_folder / name).unlink()
-    with (text_folder / "cameras.txt").open("a") as cameras:
-        cameras.write(f"2 RADIAL {WIDTH} {HEIGHT} 61 31 25 0 0\n")
-    text = (text_folder / "images.txt").read_text().replace(" 1 3.png", " 2 3.png")
-    (text_folder / "images.txt").write_text(text)
-    contents = read_known_poses(pictures, "colmap", *SIZE)
-    focal = [contents.lenses[index].params[0] for index in contents.lens_of]
-    assert dict(zip(contents.names, focal, strict=True)) == dict.fromkeys(NAMES, 60.0) | {"3.png": 61.0}
 
 
 def frame(**changes: object) -> list[dict[str, object]]:
@@ -296,10 +285,6 @@ def test_positions_far_from_each_other_or_from_the_origin_are_named(pictures, tr
     assert read_known_poses(pictures, "transforms", *SIZE).camera_to_world[3, 0, 3] == pytest.approx(9e5)
 
 
-def files_of(recording, wanted):
-    return [path.relative_to(recording).as_posix() for path in known_pose_files(recording, wanted)]
-
-
 def test_of_a_colmap_model_three_files_of_one_format_are_read(pictures, model, colmap_folder):
     binary = ["colmap/cameras.bin", "colmap/images.bin", "colmap/points3D.bin"]
     model.write_text(colmap_folder)
@@ -307,10 +292,3 @@ def test_of_a_colmap_model_three_files_of_one_format_are_read(pictures, model, c
     (colmap_folder / "images.bin").unlink()
     assert files_of(pictures, "colmap") == [name.replace(".bin", ".txt") for name in binary]
     assert files_of(pictures, "none") == files_of(pictures, "transforms") == []
-
-
-def test_a_transforms_file_names_the_file_of_its_points(pictures, transforms):
-    transforms()
-    assert files_of(pictures, "auto") == ["transforms.json"]
-    transforms(ply_file_path="cloud/points.ply")
-    assert files_of(pictures, "auto") == ["transforms.json", "cloud/points.ply"]

@@ -1,6 +1,7 @@
 """A real Aria Digital Twin recording of three frames, of which two are annotated, whole and damaged."""
 
 import json
+import os
 import shutil
 
 import numpy as np
@@ -11,6 +12,7 @@ from egosplat.errors import UserError
 from egosplat.frames import adt
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, open_recording
 from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import pinhole
@@ -194,3 +196,24 @@ def test_a_missing_truncated_or_damaged_annotation_file_is_named(copy):
     (copy / "instances.json").unlink()
     with pytest.raises(UserError, match="instances.json"):
         first_map(copy)
+
+
+def test_important_native_messages_are_kept(capfd):
+    with captured_log() as messages:
+        os.write(2, b"\x1b[38;2;000;000;255m[VrsDataProvider][INFO]: activated\x1b[0m\n\x1b[0m")
+        os.write(2, b"\x1b[38;2;255;000;000m[Reader][ERROR]: Cannot read.\x1b[0m\n")
+        os.write(1, b"WARNING: Invalid device version, vrs tag\n")
+        os.write(1, b"Corrupt JPEG data\n")
+    assert sorted(messages) == ["Corrupt JPEG data", "[Reader][ERROR]: Cannot read."]
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_descriptors_are_restored_after_an_error(capfd):
+    before = len(os.listdir("/proc/self/fd")) if os.path.isdir("/proc/self/fd") else None
+    with pytest.raises(RuntimeError), captured_log() as messages:
+        os.write(2, b"why\n")
+        raise RuntimeError
+    os.write(2, b"after\n")
+    assert messages == ["why"]
+    assert capfd.readouterr().err == "after\n"
+    assert before is None or len(os.listdir("/proc/self/fd")) == before

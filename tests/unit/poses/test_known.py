@@ -1,6 +1,5 @@
 """Known poses reach the poses artifact as they are, through the frames that they calibrate."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from egosplat.pipeline.config import defaults
 from egosplat.poses.result import find_parallax
 from egosplat.poses.stage import PosesOptions
 from egosplat.poses.stage import run as make_poses
-from tests.unit.calibration.conftest import HEIGHT, WIDTH, opengl_frames, synthetic_model
+from tests.unit.calibration.conftest import HEIGHT, WIDTH, synthetic_model
 
 
 def options(kind: type, section: str, **changes: object) -> object:
@@ -70,18 +69,6 @@ def test_pictures_without_a_pose_are_told_and_left_out(recording, capsys):
     assert "has no pose of the frames 5 (indices from 0)" in capsys.readouterr().err
     with pytest.raises(UserError, match="(?s)colmap: has poses of 5 of 6 .*poses.min_registered"):
         run(recording, {}, min_registered=0.9)
-
-
-def test_a_colmap_folder_and_a_transforms_file_of_one_model_agree(recording):
-    frames, poses = run(recording, {})
-    first = frames.read("rgb"), poses.read("camera_to_world"), poses.read("intrinsics")
-    model = pycolmap.Reconstruction(recording / "colmap")
-    lens = {"w": WIDTH, "h": HEIGHT, "fl_x": 60, "fl_y": 60, "cx": 31, "cy": 25, "k1": 0.05, "k2": -0.01}
-    (recording / "transforms.json").write_text(json.dumps(lens | {"frames": opengl_frames(model)}))
-    frames, poses = run(recording, {"known_poses": "transforms"})
-    np.testing.assert_array_equal(frames.read("rgb"), first[0])
-    np.testing.assert_allclose(poses.read("camera_to_world"), first[1], atol=1e-12)
-    np.testing.assert_allclose(poses.read("intrinsics"), first[2], atol=1e-9)
 
 
 def test_a_still_camera_has_no_parallax():

@@ -1,25 +1,21 @@
 """A camera that stands still is told from one that moves, before COLMAP starts."""
 
 from contextlib import nullcontext
-from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
 import pycolmap
 import pytest
-from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.errors import UserError
 
-Images = list[NDArray[np.uint8]]
 RNG = np.random.default_rng(0)
 HAND = RNG.integers(0, 256, (60, 50, 3), dtype=np.uint8)
 
 
-def tripod(picture: NDArray[np.uint8], count: int = 12) -> Images:
+def tripod(picture, count=12):
     """A picture with noise, before which a textured patch moves."""
     images = []
     for index in range(count):
@@ -29,7 +25,7 @@ def tripod(picture: NDArray[np.uint8], count: int = 12) -> Images:
     return images
 
 
-def check(images: Images, folder: Path, shown: Any = None) -> None:
+def check(images, folder, shown=None):
     height, width = images[0].shape[:2]
     project = Project(folder, pycolmap.Camera(model="PINHOLE", width=width, height=height))
     project.write_images(images)
@@ -37,7 +33,7 @@ def check(images: Images, folder: Path, shown: Any = None) -> None:
     check_camera_moves(project)
 
 
-def covered(images: Images) -> Images:
+def covered(images):
     """Somebody stands before the camera in one of the frames."""
     return [*images[:-1], RNG.integers(0, 256, images[0].shape, dtype=np.uint8)]
 
@@ -48,20 +44,18 @@ def test_a_tripod_before_which_something_moves_is_told(walk_images, tmp_path, ch
         check(change(tripod(walk_images[0])), tmp_path)
 
 
-def lettered(images: Images) -> Images:
+def lettered(images):
     """A camera writes the time into a corner."""
-    return [
-        cv2.putText(image.copy(), "12:30:15", (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255,) * 3)
-        for image in images
-    ]
+    text = "12:30:15", (4, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255,) * 3
+    return [cv2.putText(image.copy(), *text) for image in images]
 
 
-def late(images: Images) -> Images:
+def late(images):
     """The camera stands for most of the recording, and moves at its end."""
     return [*tripod(images[0], 16), *images[5:]]
 
 
-def blank(images: Images) -> Images:
+def blank(images):
     """Frames without features are left to COLMAP."""
     return [np.full_like(images[0], 90)] * 5
 

@@ -1,15 +1,10 @@
 """Stage splats writes a complete artifact, resumes identically, and reports user errors."""
 
 import json
-import os
-import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact, verify
@@ -18,7 +13,6 @@ from egosplat.errors import UserError
 from egosplat.gaussians.model import PARAMETERS
 from egosplat.splats import stage
 from tests.support.scenes import put
-from tests.support.waiting import wait_for
 
 KEYS = {"masking": "none", "iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
 
@@ -84,34 +78,29 @@ def test_masks_that_leave_no_pixel_are_named(scene, pictures, hides):
         stage.run(*paths, options, masks_path=folder / "masks.zarr")
 
 
-def test_a_killed_run_resumes_to_the_same_gaussians(scene, capsys):
-    folder = scene()
-    keys = {"iterations": 400, "evaluate_every": 100, "background": "random"}
-    expected = run(folder, "unbroken.zarr", **keys).digest
-    written = folder / ".splats.zarr.checkpoint" / "state"
-    often = "from egosplat import cli; from egosplat.artifacts import checkpoint; checkpoint.EVERY_S = 0; cli.main()"
-    words = [sys.executable, "-c", often, "splats", f"--options={json.dumps(KEYS | keys)}"]
-    paths = {"frames": "frames.zarr", "poses": "poses.zarr", "output": "splats.zarr"}
-    words += [f"--{name}={folder / path}" for name, path in paths.items()]
-    environment = os.environ | {"OMP_NUM_THREADS": str(torch.get_num_threads())}
-    process = subprocess.Popen(words, env=environment, stderr=subprocess.DEVNULL)
-    wait_for(lambda: written.exists() or process.poll() is not None)
-    process.send_signal(signal.SIGKILL)
-    assert process.wait() == -signal.SIGKILL and not (folder / "splats.zarr").exists()
-    capsys.readouterr()
-    assert run(folder, **keys).digest == expected
-    assert "training resumes after iteration" in capsys.readouterr().err
-    assert not written.parent.exists()
+class Killed(Exception):
+    pass
 
 
-def test_a_checkpoint_of_other_options_is_not_resumed(scene, monkeypatch):
-    folder = scene()
-    expected = run(folder, "fresh.zarr").digest
-    monkeypatch.setattr(stage.Checkpoint, "remove", lambda self: None)
+def test_a_killed_run_resumes_to_the_same_gaussians_if_its_options_are_the_same(scene, monkeypatch, capsys):
+    folder, keys = scene(), {"background": "random"}
+    unbroken = {seed: run(folder, f"{seed}.zarr", seed=seed, **keys).digest for seed in (0, 7)}
     monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
-    run(folder, seed=7)
-    assert (folder / ".splats.zarr.checkpoint" / "state").exists()
-    assert run(folder).digest == expected
+    save, written = stage.Checkpoint.save_if_due, folder / ".splats.zarr.checkpoint" / "state"
+
+    def save_and_end(self, state):
+        save(self, state)
+        if state()["iteration"] == 30:
+            raise Killed
+
+    for seed in (7, 0):
+        with monkeypatch.context() as patch, pytest.raises(Killed):
+            patch.setattr(stage.Checkpoint, "save_if_due", save_and_end)
+            run(folder, seed=0, **keys)
+        assert written.exists() and capsys.readouterr()
+        assert run(folder, seed=seed, **keys).digest == unbroken[seed]
+        assert ("training resumes after iteration 30" in capsys.readouterr().err) == (seed == 0)
+        assert not written.parent.exists()
 
 
 def test_without_held_out_frames_there_are_no_scores(scene):
