@@ -4,12 +4,12 @@ The room is a corner with a poster in front of it; an image is one homography pe
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pandas as pd
+import pycolmap
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -20,26 +20,18 @@ CAMERA = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
 TEXELS_PER_METER = 120
 
 
-@dataclass(frozen=True)
-class Plane:
-    """A textured rectangle: ``corner + a * right + b * down`` for a, b in [0, 1] [m]."""
-
-    corner: tuple[float, float, float]
-    right: tuple[float, float, float]
-    down: tuple[float, float, float]
-
-
-# World axes are those of an upright camera: x right, y down, z forward. Farthest plane first.
-WALL = Plane((-4.0, -2.6, 4.0), (8.0, 0.0, 0.0), (0.0, 3.8, 0.0))
-FLOOR = Plane((-4.0, 1.2, 4.0), (8.0, 0.0, 0.0), (0.0, 0.0, -3.2))
-POSTER = Plane((-0.7, -0.6, 2.6), (1.3, 0.0, 0.3), (0.0, 1.2, 0.0))
+# Corner, and the sides to the right and downward [m], of textured rectangles; farthest first. World axes are those of an
+# upright camera: x right, y down, z forward.
+WALL = np.array([(-4.0, -2.6, 4.0), (8.0, 0.0, 0.0), (0.0, 3.8, 0.0)])
+FLOOR = np.array([(-4.0, 1.2, 4.0), (8.0, 0.0, 0.0), (0.0, 0.0, -3.2)])
+POSTER = np.array([(-0.7, -0.6, 2.6), (1.3, 0.0, 0.3), (0.0, 1.2, 0.0)])
 ROOM = (WALL, FLOOR, POSTER)
 
 
-def texture(plane: Plane, seed: int) -> NDArray[np.uint8]:
+def texture(plane: NDArray[np.float64], seed: int) -> NDArray[np.uint8]:
     """(h, w, 3) uint8: many overlapping colored discs and boxes of all sizes, a little blurred."""
     rng = np.random.default_rng(seed)
-    width, height = (int(np.linalg.norm(side) * TEXELS_PER_METER) for side in (plane.right, plane.down))
+    width, height = (int(np.linalg.norm(side) * TEXELS_PER_METER) for side in plane[1:])
     image = np.full((height, width, 3), 128, np.uint8)
     for _ in range(width * height // 250):
         color = tuple(int(value) for value in rng.integers(0, 256, 3))
@@ -53,15 +45,15 @@ def texture(plane: Plane, seed: int) -> NDArray[np.uint8]:
 
 def render(pose: NDArray[np.float64], textures: list[NDArray[np.uint8]]) -> NDArray[np.uint8]:
     """(H, W, 3) uint8: the room from the camera pose ``pose`` (4, 4); every plane must lie in front of it."""
+    size = (CAMERA.width, CAMERA.height)
     rendered = np.zeros((CAMERA.height, CAMERA.width, 3), np.uint8)
     camera_from_world = invert(pose)
     # OpenCV has pixel centers at integers; the package has them at + 0.5.
     center = np.array([[1.0, 0.0, -0.5], [0.0, 1.0, -0.5], [0.0, 0.0, 1.0]])
     for plane, image in zip(ROOM, textures, strict=True):
-        sides = np.array([plane.right, plane.down]).T / [image.shape[1], image.shape[0]]
-        world = np.vstack([np.column_stack([sides, plane.corner]), [0.0, 0.0, 1.0]])
+        sides = plane[1:].T / [image.shape[1], image.shape[0]]
+        world = np.vstack([np.column_stack([sides, plane[0]]), [0.0, 0.0, 1.0]])
         homography = center @ CAMERA.matrix @ camera_from_world[:3] @ world @ np.linalg.inv(center)
-        size = (CAMERA.width, CAMERA.height)
         drawn = cv2.warpPerspective(image, homography, size, flags=cv2.INTER_LINEAR)
         whole = np.full(image.shape[:2], 255, np.uint8)
         inside = cv2.warpPerspective(whole, homography, size, flags=cv2.INTER_NEAREST)
@@ -123,6 +115,17 @@ def table() -> pd.DataFrame:
     turns = Rotation.from_euler("y", [[0.0], [30.0], [90.0], [90.0], [80.0]], degrees=True)
     places = np.stack([times * 1e-6, np.full(5, 1.5), np.full(5, -0.25)], axis=1)
     return trajectory_table(times, turns.as_quat(), places)
+
+
+def synthesized(
+    seed: int, frames: int, points: int, noise: float, **camera: object
+) -> pycolmap.Reconstruction:
+    """A model of pictures of one camera, whose points are located to ``noise`` px."""
+    pycolmap.set_random_seed(seed)
+    about = {"num_rigs": 1, "num_frames_per_rig": frames, "num_points3D": points} | camera
+    model = pycolmap.synthesize_dataset(pycolmap.SyntheticDatasetOptions(**about))
+    pycolmap.synthesize_noise(pycolmap.SyntheticNoiseOptions(point2D_stddev=noise), model)
+    return model
 
 
 @pytest.fixture

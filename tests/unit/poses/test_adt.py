@@ -1,6 +1,5 @@
 """Poses and points of ADT recordings."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,12 +16,9 @@ from egosplat.poses.result import Poses
 from egosplat.poses.trajectory import read_trajectory
 from tests.support.recordings import copy_files, opened
 
-Recording = Callable[..., Path]
-
 CAMERA = Camera(64, 48, 50.0, 50.0, 32.0, 24.0)
-MOUNT = make_pose(
-    Rotation.from_euler("xyz", [170.0, 5.0, -10.0], degrees=True).as_matrix(), np.array([0.1, 0.0, 0.02])
-)
+TURN = Rotation.from_euler("xyz", [170.0, 5.0, -10.0], degrees=True)
+MOUNT = make_pose(TURN.as_matrix(), np.array([0.1, 0.0, 0.02]))
 
 
 def poses_at(folder: Path, times_us: list[float], trajectory: str = "ground_truth", mount=MOUNT) -> Poses:
@@ -52,10 +48,7 @@ def test_poses_are_exact_at_rows_and_interpolated_between_them(table, recording)
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (
-            lambda table: table.assign(ty_world_device=[1, 1, 1, "abc", 1]),
-            "csv, line 5 .*missing or not a finite",
-        ),
+        (lambda table: table.assign(ty_world_device=[1, 1, 1, "abc", 1]), "csv, line 5 .*missing or not a"),
         (lambda table: table.assign(graph_uid=list("abaaa")), "csv, line 3 .*another world frame"),
         (lambda table: table.drop(columns="qw_world_device"), "has no column qw_world_device"),
         (lambda table: table.assign(tx_world_device=1e300), "line 2 .*more than 1,000 km from the origin"),
@@ -75,10 +68,9 @@ def test_an_empty_or_binary_file_is_rejected(tmp_path):
             read_trajectory(path)
 
 
-@pytest.mark.parametrize(
-    "wanted, present", [("closed_loop", "ground_truth"), ("ground_truth", "closed_loop")]
-)
-def test_a_missing_trajectory_advises_the_one_that_is_present(table, recording, wanted, present):
+@pytest.mark.parametrize("wanted", TRAJECTORIES)
+def test_a_missing_trajectory_advises_the_one_that_is_present(table, recording, wanted):
+    (present,) = set(TRAJECTORIES) - {wanted}
     folder = recording(table, closed_loop=present == "closed_loop")
     with pytest.raises(UserError, match=f"{TRAJECTORIES[wanted].name} .*poses.trajectory={present}"):
         poses_at(folder, [1_000_000], wanted)
@@ -137,11 +129,10 @@ def test_a_real_trajectory_equals_the_official_readers(real_data):
     path = real_data("adt_sample") / "aria_trajectory.csv"
     official = mps.read_closed_loop_trajectory(str(path))
     ours = read_trajectory(path)
-    assert len(official) == len(ours.timestamp_ns) == 6
-    expected = np.array([row.transform_world_device.to_matrix() for row in official])
+    expected = [row.transform_world_device.to_matrix() for row in official]
     np.testing.assert_allclose(ours.world_from_device, expected, atol=1e-12)
     times = [round(row.tracking_timestamp.total_seconds() * 1e6) * 1000 for row in official]
-    assert ours.timestamp_ns.tolist() == times
+    assert ours.timestamp_ns.tolist() == times and len(times) == 6
 
 
 def test_poses_of_real_frames_are_upright_and_move_little(real_data):

@@ -10,22 +10,14 @@ from egosplat.calibration.colmap.distortion import choices, compare, lens_of_fra
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
+from tests.unit.poses.conftest import synthesized
 
 
-def model_of(k1: float, k2: float, seed: int, noise: float = 0.5) -> pycolmap.Reconstruction:
-    """Fifteen images of 512 x 384 px of 300 points, each located to ``noise`` px."""
-    pycolmap.set_random_seed(seed)
-    options = pycolmap.SyntheticDatasetOptions(
-        num_rigs=1,
-        num_frames_per_rig=15,
-        num_points3D=300,
-        camera_model_id=pycolmap.CameraModelId.RADIAL,
-        camera_width=512,
-        camera_height=384,
-        camera_params=[1500.0, 256.0, 192.0, k1, k2],  # the points fill the picture
-    )
-    model = pycolmap.synthesize_dataset(options)
-    pycolmap.synthesize_noise(pycolmap.SyntheticNoiseOptions(point2D_stddev=noise), model)
+def model_of(k1: float, k2: float, seed: int) -> pycolmap.Reconstruction:
+    """Fifteen images of 512 x 384 px of 300 points, which fill the picture."""
+    params = [1500.0, 256.0, 192.0, k1, k2]
+    size = {"camera_width": 512, "camera_height": 384, "camera_model_id": pycolmap.CameraModelId.RADIAL}
+    model = synthesized(seed, 15, 300, 0.5, num_cameras_per_rig=1, camera_params=params, **size)
     for number in [number for number, point in model.points3D.items() if point.track.length() < 2]:
         model.delete_point3D(number)
     return model

@@ -5,6 +5,7 @@ import pycolmap
 import pytest
 
 from egosplat.calibration.colmap.joining import join_models
+from tests.unit.poses.conftest import synthesized
 
 TURNED = pycolmap.Sim3d(
     0.37, pycolmap.Rotation3d(np.array([0, 0, np.sin(0.4), np.cos(0.4)])), [1.0, 2.0, 3.0]
@@ -14,15 +15,12 @@ TURNED = pycolmap.Sim3d(
 @pytest.fixture(scope="module")
 def whole():
     """Twelve images of a hundred points, located to 0.3 px."""
-    pycolmap.set_random_seed(1)
-    options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_frames_per_rig=12, num_points3D=100)
-    model = pycolmap.synthesize_dataset(options)
-    pycolmap.synthesize_noise(pycolmap.SyntheticNoiseOptions(point2D_stddev=0.3), model)
+    model = synthesized(1, 12, 100, 0.3)
     model.update_point_3d_errors()
     return model
 
 
-def part(whole: pycolmap.Reconstruction, first: int, last: int) -> pycolmap.Reconstruction:
+def part(whole, first, last):
     """The model of images ``first`` to ``last``."""
     model = pycolmap.Reconstruction(whole)
     for frame in [one for one in model.reg_frame_ids() if not first <= one <= last]:
@@ -31,7 +29,7 @@ def part(whole: pycolmap.Reconstruction, first: int, last: int) -> pycolmap.Reco
     return model
 
 
-def centers(model: pycolmap.Reconstruction) -> dict[int, np.ndarray]:
+def centers(model):
     return {number: model.images[number].projection_center() for number in model.reg_image_ids()}
 
 
