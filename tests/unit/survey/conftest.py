@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -32,9 +31,7 @@ def pose(x: float = 0.0, y: float = 0.0, z: float = 0.0, yaw: float = 0.0, pitch
     return make_pose(Rotation.from_euler("yx", [yaw, pitch], degrees=True).as_matrix(), np.array([x, y, z]))
 
 
-def image(
-    camera_to_world: np.ndarray, corner: tuple[float, float] | None = None, textured: bool = True
-) -> np.ndarray:
+def image(camera_to_world: np.ndarray, corner: tuple | None = None, textured: bool = True) -> np.ndarray:
     """(SIZE, SIZE) uint8 image from a pose; ``corner``: position of the object [m], None without it."""
     seen = np.full((SIZE, SIZE), 128, np.uint8)
     if textured:
@@ -45,14 +42,7 @@ def image(
     return seen
 
 
-def _paint(
-    seen: np.ndarray,
-    camera_to_world: np.ndarray,
-    spots: np.ndarray,
-    corner: tuple[float, float],
-    side: float,
-    depth: float,
-) -> None:
+def _paint(seen: np.ndarray, camera_to_world: np.ndarray, spots: np.ndarray, corner, side, depth) -> None:
     scale = side / len(spots)
     plane = np.array([[scale, 0.0, corner[0]], [0.0, scale, corner[1]], [0.0, 0.0, depth]])
     plane[:, 2] -= camera_to_world[:3, 3]
@@ -65,12 +55,6 @@ def _paint(
 
 
 @pytest.fixture(scope="session")
-def room() -> SimpleNamespace:
-    """``room.pose``, ``room.image``, and its constants."""
-    return SimpleNamespace(pose=pose, image=image, camera=CAMERA, size=SIZE, board=BOARD)
-
-
-@pytest.fixture(scope="session")
 def trajectory() -> list[np.ndarray]:
     """Eight poses, 8 cm apart to the right."""
     return [pose(x=0.08 * frame) for frame in range(8)]
@@ -79,15 +63,13 @@ def trajectory() -> list[np.ndarray]:
 @pytest.fixture(scope="session")
 def still(trajectory) -> list[np.ndarray]:
     """Images along ``trajectory`` with the object in place."""
-    return [image(camera_to_world, (0.2, -0.3)) for camera_to_world in trajectory]
+    return [image(pose, (0.2, -0.3)) for pose in trajectory]
 
 
 @pytest.fixture(scope="session")
 def moving(trajectory) -> list[np.ndarray]:
     """Images along ``trajectory`` while the object sinks."""
-    return [
-        image(camera_to_world, (0.2, -0.4 + 0.05 * frame)) for frame, camera_to_world in enumerate(trajectory)
-    ]
+    return [image(pose, (0.2, -0.4 + 0.05 * frame)) for frame, pose in enumerate(trajectory)]
 
 
 @pytest.fixture

@@ -11,15 +11,15 @@ SCENE = np.random.default_rng(0).uniform(0.05, 0.3, (40, 40))
 ROWS = np.linspace(0.0, 1.0, 40)[:, None] * np.ones((1, 40))
 
 
-def change(
-    second: np.ndarray, first: np.ndarray | None = None, mask: np.ndarray | None = None, radii=None
-) -> float:
-    first, mask = exposed(0) if first is None else first, SCENE > 0 if mask is None else mask
-    return float(exposure_changes([compare_light(first, second, mask, radii or (ROWS, ROWS))])[0])
-
-
-def exposed(stops: float) -> np.ndarray:
+def exposed(stops: float | np.ndarray) -> np.ndarray:
     return np.clip(255 * (SCENE * 2.0**stops) ** (1 / 2.2), 0, 255).astype(np.uint8)
+
+
+DARK = exposed(0)
+
+
+def change(second: np.ndarray, first=DARK, mask=SCENE > 0, radii=(ROWS, ROWS)) -> float:
+    return float(exposure_changes([compare_light(first, second, mask, radii)])[0])
 
 
 @pytest.mark.parametrize("stops", [-1.0, 0.0, 0.7])
@@ -42,8 +42,7 @@ def test_black_and_saturated_images_have_no_exposure(second):
 def test_vignetting_is_not_exposure():
     """Surfaces move outwards, where the image is darker."""
     radii = 0.8 * ROWS, 0.8 * ROWS + 0.2
-    fall = [2.0 ** (-1.5 * radius**2) for radius in radii]
-    first, second = (np.clip(255 * (SCENE * one) ** (1 / 2.2), 0, 255).astype(np.uint8) for one in fall)
+    first, second = (exposed(-1.5 * radius**2) for radius in radii)
     assert change(second, first) < -0.2
     assert change(second, first, radii=radii) == pytest.approx(0.0, abs=0.05)
 

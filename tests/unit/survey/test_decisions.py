@@ -7,9 +7,7 @@ from egosplat.survey.decisions import decide_camera, decide_motion, finite
 from egosplat.survey.motion import Motion
 
 
-def motion(
-    lasting=0.0, fleeting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6, revisits=0, stops=0.0
-) -> Motion:
+def motion(lasting=0.0, fleeting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6, revisits=0, stops=0.0):
     """Equal pairs; ``before``: noise without a correction [px]."""
     frames, every = np.arange(pairs + 1), np.ones(pairs + revisits)
     return Motion(
@@ -24,24 +22,21 @@ def motion(
 
 
 @pytest.mark.parametrize(
-    ("lasting", "share", "static", "masking"),
+    ("lasting", "least", "share", "static", "masking"),
     [
-        (0.0, 0.0, True, "none"),
-        (1e-3, 2e-3, False, "none"),
-        (4e-3, 8e-3, False, "refined"),
-        (1e-2, 2e-2, False, "refined"),
+        (0.0, 0.008, 0.0, True, "none"),
+        (1e-3, 0.008, 2e-3, False, "none"),
+        (4e-3, 0.008, 8e-3, False, "refined"),
+        (1e-2, 0.008, 2e-2, False, "refined"),
+        (0.0, 0.0, 0.0, True, "refined"),
+        (0.495, 1.0, 0.99, False, "none"),
     ],
 )
-def test_little_motion_is_not_masked(lasting, share, static, masking):
+def test_little_motion_is_not_masked(lasting, least, share, static, masking):
     """Shares of the voting pixels, half of the valid ones."""
-    found = decide_motion(motion(lasting=lasting), 0.008)
+    found = decide_motion(motion(lasting=lasting), least)
     assert found["share"] == pytest.approx(share)
     assert (found["static"], found["masking"]) == (static, masking)
-
-
-def test_the_least_share_may_be_all_or_nothing():
-    assert decide_motion(motion(), 0.0)["masking"] == "refined"
-    assert decide_motion(motion(lasting=0.495), 1.0)["masking"] == "none"
 
 
 @pytest.mark.parametrize(

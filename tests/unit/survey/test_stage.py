@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from egosplat.artifacts.consistency import kept_frames
-from egosplat.artifacts.reader import open_artifact, recorded_digest
+from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.survey_file import read_survey
 from egosplat.survey import stage
+from tests.support.scenes import digests
+from tests.unit.survey.conftest import CAMERA
 
 KEYS = stage_values("survey", defaults())
 OPTIONS = stage.SurveyOptions(**KEYS)
@@ -32,16 +34,16 @@ def test_a_static_scene_needs_no_masks(scene, trajectory, still):
     assert not survey["camera"]["refine_poses"] and not survey["camera"]["compensate_exposure"]
     assert survey["origin"] == survey["provenance"]["origin"] == "synthetic"
     assert survey["provenance"]["options"] == KEYS and survey["provenance"]["stage"] == "survey"
-    assert survey["provenance"]["inputs"] == {
-        name: recorded_digest(folder / name) for name in ("frames.zarr", "poses.zarr")
-    }
+    assert survey["provenance"]["inputs"] == digests(folder, ["frames", "poses"])
     assert survey["poses"] == {"source": "colmap", "registered": 8, "frames": 8, "points": 288}
 
 
 def test_a_moving_scene_needs_masks_above_the_threshold(scene, trajectory, moving):
     folder = scene(trajectory, moving)
-    survey = surveyed(folder)["motion"]
-    assert not survey["static"] and survey["masking"] == "refined" and survey["share"] > 0.005
+    survey, again = surveyed(folder), surveyed(folder)
+    assert all(survey[part] == again[part] for part in ("motion", "views", "poses"))
+    motion = survey["motion"]
+    assert not motion["static"] and motion["masking"] == "refined" and motion["share"] > 0.005
     assert surveyed(folder, min_moving_share=1.0)["motion"]["masking"] == "none"
 
 
@@ -49,21 +51,6 @@ def test_without_measurements_the_scene_counts_as_moving(scene, trajectory, stil
     folder = scene(trajectory[:1], still[:1], train=np.ones(1, bool), evaluation=np.zeros(1, bool))
     motion = surveyed(folder)["motion"]
     assert motion["masking"] == "refined" and motion["share"] is None and motion["pairs"] == []
-
-
-def test_redundant_training_views_are_dropped_and_evaluation_views_kept(scene, trajectory, still):
-    """Each camera step is 4.6 degrees at 1 m, and less at the wall."""
-    folder = scene(trajectory, still)
-    views = surveyed(folder, min_view_change_deg=6.0)["views"]
-    assert sorted(views["kept"] + views["left_out"]) == list(range(8))
-    assert {0, 2, 6, 7} <= set(views["kept"]) and views["left_out"]
-    assert surveyed(folder, min_view_change_deg=0.0)["views"]["left_out"] == []
-
-
-def test_the_survey_is_reproducible(scene, trajectory, moving):
-    folder = scene(trajectory, moving)
-    first, second = surveyed(folder), surveyed(folder)
-    assert all(first[part] == second[part] for part in ("motion", "views", "poses"))
 
 
 def test_a_scene_without_points_keeps_all_its_frames(scene, trajectory, still):
@@ -82,13 +69,16 @@ def test_poses_of_other_frames_are_rejected(scene, trajectory, still):
     assert not (folder / "survey.json").exists()
 
 
-def test_later_stages_record_the_kept_frames(scene, trajectory, still, moving):
-    """They reject a survey of other frames."""
+def test_later_stages_skip_redundant_training_views(scene, trajectory, still, moving):
+    """Each camera step is 4.6 degrees at 1 m, and less at the wall. A survey of other frames is rejected."""
     folder = scene(trajectory, still)
+    assert surveyed(folder, min_view_change_deg=0.0)["views"]["left_out"] == []
     frames, path = open_artifact(folder / "frames.zarr", FRAMES), folder / "survey.json"
-    survey = surveyed(folder, min_view_change_deg=6.0)["views"]
+    views = surveyed(folder, min_view_change_deg=6.0)["views"]
+    assert sorted(views["kept"] + views["left_out"]) == list(range(8)) and views["left_out"]
+    assert {0, 2, 6, 7} <= set(views["kept"]), "evaluation views, too"
     kept, recorded = kept_frames(frames, path)
-    assert np.flatnonzero(kept).tolist() == survey["kept"] and recorded == {"kept_frames": survey["digest"]}
+    assert np.flatnonzero(kept).tolist() == views["kept"] and recorded == {"kept_frames": views["digest"]}
     kept, recorded = kept_frames(frames, None)
     assert kept.all() and recorded == {}
     scene(trajectory, moving)
@@ -117,12 +107,8 @@ def test_a_damaged_survey_is_named(scene, trajectory, still, content, message):
         read_survey(path)
 
 
-def test_motion_is_measured_at_low_resolution(scene, trajectory, still, room):
+def test_motion_is_measured_at_low_resolution(scene, trajectory, still):
     large = [np.kron(one, np.ones((2, 2), np.uint8)) for one in still[:3]]
-    folder = scene(
-        trajectory[:3],
-        large,
-        valid=np.ones((2 * room.size, 2 * room.size), bool),
-        intrinsics=np.diag([2.0, 2.0, 1.0]) @ np.array([[120.0, 0, 80], [0, 120, 80], [0, 0, 1]]),
-    )
+    valid, intrinsics = np.ones(large[0].shape, bool), np.diag([2.0, 2.0, 1.0]) @ CAMERA.matrix
+    folder = scene(trajectory[:3], large, valid=valid, intrinsics=intrinsics)
     assert surveyed(folder)["motion"]["share"] == 0

@@ -2,27 +2,21 @@
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
-from egosplat.geometry import Camera, make_pose
+from egosplat.geometry import Camera
 from egosplat.survey.views import choose_views, depth_quantile, median_depths, view_change
+from tests.unit.survey.conftest import pose
 
 CAMERA = Camera(100, 100, 50.0, 50.0, 50.0, 50.0)
 
 
-def pose(x: float = 0.0, z: float = 0.0, yaw: float = 0.0) -> np.ndarray:
-    """(4, 4) camera_to_world; position [m], angle [deg]."""
-    return make_pose(Rotation.from_euler("y", yaw, degrees=True).as_matrix(), np.array([x, 0.0, z]))
-
-
-def kept(
-    trajectory: list[np.ndarray], least: float = 5.0, rate: float = 30.0, **changes: object
-) -> list[int]:
+def kept(trajectory: list[np.ndarray], least: float = 5.0, **changes: object) -> list[int]:
+    """Of a recording with 30 frames per second."""
     count = len(trajectory)
     given = {
         "camera_to_world": np.stack(trajectory),
         "depths": np.full(count, 2.0),
-        "times_ns": (np.arange(count) / rate * 1e9).astype(np.int64),
+        "times_ns": (np.arange(count) / 30 * 1e9).astype(np.int64),
         "optional": np.ones(count, bool),
     } | changes
     return np.flatnonzero(choose_views(**given, min_change_deg=least)).tolist()
@@ -36,36 +30,31 @@ def test_rotation_and_parallax_add_up():
     assert view_change(pose(yaw=33.0), pose(yaw=33.0), 2.0) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_small_view_changes_accumulate():
-    assert kept([pose(yaw=2.0 * k) for k in range(8)]) == [0, 3, 6, 7]
-    assert kept([pose(x=0.1 * k) for k in range(8)]) == [0, 2, 4, 6, 7]
-
-
-def test_large_view_changes_are_kept_and_a_threshold_of_zero_keeps_all():
-    assert kept([pose(yaw=6.0 * k) for k in range(8)]) == list(range(8))
-    assert kept([pose()] * 8, least=0.0) == list(range(8))
-
-
-def test_a_still_camera_keeps_one_frame_per_second():
-    assert kept([pose()] * 65) == [0, 30, 60, 64]
-
-
-def test_evaluation_frames_are_kept_and_not_compared():
-    optional = np.ones(6, bool)
-    optional[[1, 2]] = False
-    assert kept([pose()] * 6, optional=optional) == [0, 1, 2, 5]
-
-
-def test_frames_without_a_pose_or_depth_are_kept():
-    trajectory = [pose()] * 3 + [np.full((4, 4), np.nan)] + [pose()] * 2
-    depths = np.array([2.0, 2.0, 2.0, np.nan, 2.0, 2.0])
-    assert kept(trajectory, depths=depths) == [0, 3, 5]
-    assert kept([pose()] * 6, depths=np.full(6, np.nan)) == list(range(6))
-
-
-@pytest.mark.parametrize("count", [1, 2])
-def test_one_or_two_frames_stay(count):
-    assert kept([pose()] * count) == list(range(count))
+@pytest.mark.parametrize(
+    ("trajectory", "changes", "expected"),
+    [
+        # Small changes accumulate.
+        ([pose(yaw=2.0 * k) for k in range(8)], {}, [0, 3, 6, 7]),
+        ([pose(x=0.1 * k) for k in range(8)], {}, [0, 2, 4, 6, 7]),
+        ([pose(yaw=6.0 * k) for k in range(8)], {}, [*range(8)]),
+        ([pose()] * 8, {"least": 0.0}, [*range(8)]),
+        # A still camera keeps one frame per second.
+        ([pose()] * 65, {}, [0, 30, 60, 64]),
+        ([pose()], {}, [0]),
+        ([pose()] * 2, {}, [0, 1]),
+        # Evaluation frames are kept and not compared.
+        ([pose()] * 6, {"optional": np.array([True, False, False, True, True, True])}, [0, 1, 2, 5]),
+        # Frames without a pose or depth are kept.
+        (
+            [pose()] * 3 + [np.full((4, 4), np.nan)] + [pose()] * 2,
+            {"depths": np.array([2.0, 2.0, 2.0, np.nan, 2.0, 2.0])},
+            [0, 3, 5],
+        ),
+        ([pose()] * 6, {"depths": np.full(6, np.nan)}, [*range(6)]),
+    ],
+)
+def test_views_that_are_new_are_kept(trajectory, changes, expected):
+    assert kept(trajectory, **changes) == expected
 
 
 def test_depths_are_those_of_points_inside_the_image():
