@@ -118,9 +118,7 @@ def test_which_features_are_usable(measured, exponent):
 
 
 @pytest.mark.numerics(
-    "float16 views, against extended precision",
-    within=1e-14,
-    outside="everything is computed in float64",
+    "float16 views, against extended precision", within=1e-14, outside="everything is computed in float64"
 )
 @EACH_NORM
 @given(seed=st.integers(0, 999), count=st.integers(2, 40))

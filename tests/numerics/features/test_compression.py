@@ -52,8 +52,7 @@ def decoded(rows: np.ndarray, kind: str, dims: int) -> np.ndarray:
 
 
 @pytest.mark.numerics(
-    "linear codes of all channels reconstruct 20 to 100 features of length 1e-6 to 1e6",
-    within=3e-6,
+    "linear codes of all channels reconstruct 20 to 100 features of length 1e-6 to 1e6", within=3e-6
 )
 @given(seed=st.integers(0, 999), count=st.integers(20, 100), exponent=st.floats(-6, 6))
 def test_a_full_basis_loses_nothing(measured, seed, count, exponent):
@@ -61,10 +60,7 @@ def test_a_full_basis_loses_nothing(measured, seed, count, exponent):
     measured(np.abs(decoded(rows, "linear", WIDTH) - unit(rows)).max())
 
 
-@pytest.mark.numerics(
-    "linear codes of 3 channels: squared error against the best basis",
-    within=1e-6,
-)
+@pytest.mark.numerics("linear codes of 3 channels: squared error against the best basis", within=1e-6)
 @given(seed=st.integers(0, 999), count=st.integers(10, 100))
 def test_the_basis_is_the_best(measured, seed, count):
     rows = features(seed, count).astype(np.float64)
@@ -167,8 +163,7 @@ def test_the_stage(tmp_path, kind, target):
 
 
 @pytest.mark.numerics(
-    "a non-finite number to be stored",
-    outside="UserError names the array; nothing is written",
+    "a non-finite number to be stored", outside="UserError names the array; nothing is written"
 )
 def test_stage_writes_nothing_when_a_value_is_not_finite(tmp_path):
     with pytest.raises(UserError, match="'consistent' must be finite"):

@@ -40,9 +40,7 @@ def wrong(found, truth):
 
 
 @pytest.mark.numerics(
-    "scenes of 4 mm to 4 km: share of wrong pixels",
-    within=0.05,
-    outside="near plane in proportion",
+    "scenes of 4 mm to 4 km: share of wrong pixels", within=0.05, outside="near plane in proportion"
 )
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_any_size(measured, scene, truth, scale):
@@ -98,9 +96,7 @@ def diverge(monkeypatch, chosen, value):
 
 
 @pytest.mark.numerics(
-    "lifting on and rendering of NaN or infinite Gaussians",
-    within=0.0,
-    outside="as if they were not there",
+    "lifting on and rendering of NaN or infinite Gaussians", within=0.0, outside="as if they were not there"
 )
 @pytest.mark.parametrize(
     ("name", "value"),

@@ -48,10 +48,7 @@ def test_exact_probabilities(measured, value):
     measured(np.abs(found.scores - value).max())
 
 
-@pytest.mark.numerics(
-    "T = 0 and T = 1",
-    outside="every instance with a pixel; those whose pixels are all 1",
-)
+@pytest.mark.numerics("T = 0 and T = 1", outside="every instance with a pixel; those whose pixels are all 1")
 def test_thresholds_at_their_ends():
     probability = np.ones((SIZE, SIZE), np.float16)
     probability[0, 0] = 1 - 2**-11
@@ -63,28 +60,19 @@ def test_thresholds_at_their_ends():
 
 
 @pytest.mark.numerics(
-    "probabilities that are NaN or infinite, in a loss",
-    outside="weight 0",
-)
-@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-def test_invalid_probabilities_have_weight_zero(value):
-    probability = np.full((SIZE, SIZE), 0.5, np.float16)
-    probability[0, :] = value
-    weight = pixel_weight(None, torch.from_numpy(probability))
-    assert not weight[0].any() and (weight[1:] == 0.5).all()
-
-
-@pytest.mark.numerics(
     "weights 1 - M for M of 0 and 1, inside and outside the lens circle",
     within=0.0,
-    outside="M beyond 0..1 is clamped",
+    outside="M beyond 0..1 is clamped; NaN and infinity: weight 0",
 )
-@pytest.mark.parametrize(("transient", "expected"), [(0.0, 1.0), (1.0, 0.0), (-3.0, 1.0), (7.0, 0.0)])
+@pytest.mark.parametrize(
+    ("transient", "expected"),
+    [(0.0, 1.0), (1.0, 0.0), (-3.0, 1.0), (7.0, 0.0), (np.nan, 0.0), (np.inf, 0.0), (-np.inf, 0.0)],
+)
 def test_weights(measured, transient, expected):
-    valid = torch.ones(2, 2)
-    valid[0, 0] = 0.0
-    weight = pixel_weight(valid, torch.full((2, 2), transient, dtype=torch.float16))
-    assert weight[0, 0] == 0.0
+    valid, probability = torch.ones(3, 2), torch.full((3, 2), transient, dtype=torch.float16)
+    valid[0, 0], probability[2] = 0.0, 0.5
+    weight = pixel_weight(valid, probability)
+    assert weight[0, 0] == 0.0 and (weight[2] == 0.5).all()
     measured(float((weight[1] - expected).abs().max()))
 
 

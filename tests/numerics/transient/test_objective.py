@@ -56,8 +56,7 @@ def test_extreme_training(views, penalty, rate):
 
 
 @pytest.mark.numerics(
-    "transient_penalty = 1e30: gradients whose norm overflows float32",
-    outside="the step is skipped",
+    "transient_penalty = 1e30: gradients whose norm overflows float32", outside="the step is skipped"
 )
 def test_transient_penalty_beyond_float32(views):
     one = make_objective(transient_penalty=1e30)

@@ -75,10 +75,7 @@ def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, 
 
 @pytest.mark.parametrize(
     ("means", "gaussian", "pixel"),
-    [
-        ([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.2, 0.0, 2.0]], [2], [[35, 20]]),
-        ([[0.0, 0.0, -2.0]], [], []),
-    ],
+    [([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.2, 0.0, 2.0]], [2], [[35, 20]]), ([[0.0, 0.0, -2.0]], [], [])],
 )
 def test_centers_behind_the_camera_and_outside_the_image_are_left_out(means, gaussian, pixel):
     found = look_at_centers(blobs(means, [0.9] * len(means)), CAMERA, np.eye(4), RENDERING)
