@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -34,13 +35,7 @@ def patience_ms() -> int:
 
 @dataclass
 class Tab:
-    """A tab of the browser.
-
-    Attributes:
-        page: playwright's page.
-        errors: errors of scripts, and errors and warnings of the console.
-        requests: addresses that the tab asked for, the opened one first; not data: and blob: addresses.
-    """
+    """A tab of the browser: errors of scripts and of the console, and addresses asked for, but data: and blob: ones."""
 
     page: "Page"
     errors: list[str] = field(default_factory=list)
@@ -62,14 +57,12 @@ def browser() -> "Iterator[Browser]":
     """Debian's Chromium, headless; the tests are skipped where it or playwright is absent."""
     # Scope: playwright keeps an event loop in its thread, which tests of other files must not meet.
     api = pytest.importorskip("playwright.sync_api", reason="playwright is absent: pip install playwright")
-    program = chromium()
-    if program is None:
+    if (program := chromium()) is None:
         pytest.skip("there is no Chromium: apt-get install chromium")
     with api.sync_playwright() as playwright:
         # Chromium refuses its sandbox to root, as whom CI runs.
-        started = playwright.chromium.launch(
-            executable_path=program, args=["--no-sandbox"], timeout=patience_ms()
-        )
+        given = {"args": ["--no-sandbox"], "timeout": patience_ms()}
+        started = playwright.chromium.launch(executable_path=program, **given)
         yield started
         started.close()
 
@@ -77,16 +70,13 @@ def browser() -> "Iterator[Browser]":
 @pytest.fixture
 def open_tab(browser: "Browser") -> Iterator[Callable[..., Tab]]:
     """``open_tab(size, touch=False)``: a new tab of (width, height) pixels in a session of its own."""
-    contexts = []
+    with ExitStack() as opened:
 
-    def make(size: tuple[int, int] = WIDE, touch: bool = False) -> Tab:
-        width, height = size
-        window = {"width": width, "height": height}
-        # Waiting for a condition evaluates text, which a page may forbid.
-        context = browser.new_context(viewport=window, has_touch=touch, bypass_csp=True)
-        contexts.append(context)
-        return Tab(context.new_page())
+        def make(size: tuple[int, int] = WIDE, touch: bool = False) -> Tab:
+            window = dict(zip(("width", "height"), size, strict=True))
+            # Waiting for a condition evaluates text, which a page may forbid.
+            context = browser.new_context(viewport=window, has_touch=touch, bypass_csp=True)
+            opened.callback(context.close)
+            return Tab(context.new_page())
 
-    yield make
-    for context in contexts:
-        context.close()
+        yield make

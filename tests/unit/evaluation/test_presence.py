@@ -48,21 +48,18 @@ def test_phrases_of_the_recording_are_no_negatives():
 
 def test_the_entry_counts_answers():
     """What is not found is never right, and best guesses count apart; untaught words do not count in the separation."""
-
-    def query(phrase, present, score, grade, right=None, untaught=False):
-        told = {"phrase": phrase, "present": present, "score": score, "grade": grade}
-        return told | {"answered": grade == "found", "right": right, "untaught": untaught}
-
-    asked = [
-        query("couch", True, 0.9, "found", True),
-        query("cup", True, 0.8, "found", None),
-        query("bed", True, 0.3, "not found", True),
-        query("desk", True, 0.3, "best guess", True),
-        query("lamp", True, 0.3, "best guess", False),
-        query("piano", False, 0.7, "found"),
-        query("bicycle", False, 0.7, "best guess"),
-        query("zeppelin", False, 1.0, "not found", untaught=True),
+    names = ("phrase", "present", "score", "grade", "right", "untaught")
+    rows = [
+        ("couch", True, 0.9, "found", True, False),
+        ("cup", True, 0.8, "found", None, False),
+        ("bed", True, 0.3, "not found", True, False),
+        ("desk", True, 0.3, "best guess", True, False),
+        ("lamp", True, 0.3, "best guess", False, False),
+        ("piano", False, 0.7, "found", None, False),
+        ("bicycle", False, 0.7, "best guess", None, False),
+        ("zeppelin", False, 1.0, "not found", None, True),
     ]
+    asked = [dict(zip(names, row, strict=True)) | {"answered": row[3] == "found"} for row in rows]
     entry = presence_entry(asked, 0.5)
     present = {"asked": 5, "answered": 2, "right": 1, "unverified": 1, "guessed": 2, "guessed_right": 1}
     assert entry["present"] == present

@@ -191,7 +191,7 @@ def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
     "words, said",
     [
         (["lacking"], "lacks language.zarr. Give the folder of a finished scene"),
-        (["cup", "--frame", "9"], "frame 9: there are 4 frames, 0 to 3"),
+        (["cup", "--frame", "4"], "frame 4: there are 4 frames, 0 to 3"),
         (["cup", "--set", "canonical=[]"], "query.canonical"),
         (["cup", "--min-score", "2"], "query.min_score"),
         (["another"], "was made with another OpenCLIP"),

@@ -13,7 +13,7 @@ import egosplat
 from egosplat.artifacts import reader
 from egosplat.errors import UserError
 from egosplat.query import finished_scene
-from tests.support.page_scene import put_histories, put_page_scene
+from tests.support.page_scene import put_histories
 
 ROOT = Path(__file__).resolve().parents[3]
 SHEET = dict.fromkeys(("frames", "annotations", "poses", "output"), "f")
@@ -21,21 +21,16 @@ NORMALIZED = doctest.NORMALIZE_WHITESPACE
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory) -> Path:
+def results(page_scene, tmp_path_factory) -> Path:
     """A folder with ``results/adt/scene1``, the scene of the examples."""
     folder = tmp_path_factory.mktemp("work")
-    (folder / "results/adt/scene1").mkdir(parents=True)
-    put_page_scene(folder / "results/adt/scene1")
-    put_histories(folder / "results/adt/scene1")
+    put_histories(Path(shutil.copytree(page_scene, folder / "results/adt/scene1")))
     return folder
 
 
 @pytest.fixture
 def work(results, monkeypatch) -> Path:
     monkeypatch.chdir(results)
-    for written in ("couch.ply", "scene.spz"):
-        (results / written).unlink(missing_ok=True)
-    shutil.rmtree(results / "splats.zarr", ignore_errors=True)
     return results
 
 

@@ -38,7 +38,7 @@ def decoder(*widths: int, scale: float = 1.0) -> Decoder:
 
 
 @pytest.mark.parametrize("widths, folded", [((3, 40), (3, 4)), ((3, 8, 16, 64), (3, 8, 16, 17))])
-@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
 def test_folding_changes_no_cosine(widths, folded, scale):
     codes, directions = unit(50, widths[0], seed=1), unit(6, widths[-1], seed=2)
     whole = decoder(*widths, scale=scale)

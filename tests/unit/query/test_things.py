@@ -6,7 +6,6 @@ import torch
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, LANGUAGE, POSES, SPLATS
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.query import text
@@ -151,14 +150,10 @@ CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
 
 
-@pytest.fixture
-def cloud() -> Gaussians:
-    """A translucent Gaussian in front of an opaque one, one aside, one behind the camera."""
-    return blobs([[0, 0, 2], [0, 0, 3], [0.6, 0, 2], [0, 0, -2]], [0.5, 0.98, 0.98, 0.98], 0.2)
-
-
-def test_shares_are_sums_of_compositing_weights(cloud):
+def test_shares_are_sums_of_compositing_weights():
     """Each Gaussian rendered alone in white, behind what hides it, gives the same sum."""
+    # A translucent Gaussian in front of an opaque one, one aside, one behind the camera.
+    cloud = blobs([[0, 0, 2], [0, 0, 3], [0.6, 0, 2], [0, 0, -2]], [0.5, 0.98, 0.98, 0.98], 0.2)
     (shares,) = visible_shares(cloud, CAMERA, [np.eye(4)], None, SETTINGS)
     weights, _ = composite(view_of(cloud, CAMERA, np.eye(4), SETTINGS), torch.eye(4))
     # The share of the picture that each pixel counts as.

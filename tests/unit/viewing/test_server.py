@@ -46,8 +46,6 @@ def test_a_served_page_may_ask_for_phrases(start):
 
 HOST, OWN, EVIL = "Host: 127.0.0.1:1", "Origin: http://127.0.0.1:1", "Origin: http://evil.example"
 EMBEDDED = "Sec-Fetch-Site: cross-site"
-
-
 GOOD_HOSTS = ("localhost.", "127.0.0.1.:80", "  127.0.0.1\t", "127.0.0.1", "127.0.0.1:8080", "LOCALHOST")
 SPACED = (
     "evil@127.0.0.1 evil.example:80@127.0.0.1 127.0.0.1/evil 127.0.0.1?evil 127.0.0.1#evil 127.0.0.1:port 127.0.0.1:-1 "
