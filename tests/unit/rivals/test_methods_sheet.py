@@ -1,5 +1,6 @@
 """The page of methods: which queries it shows, and a column for each method."""
 
+
 import shutil
 
 import matplotlib.image
@@ -22,7 +23,7 @@ def scored(folder, home, method=None):
     return output
 
 
-def test_each_method_has_a_column(word_scene, tmp_path):
+def test_each_method_has_a_column_and_a_lost_input_is_named(word_scene, tmp_path):
     folder = word_scene()
     paths = [scored(folder, folder), scored(folder, folder / "variants" / "occam", "Occam's LGS")]
     widths = []
@@ -30,14 +31,9 @@ def test_each_method_has_a_column(word_scene, tmp_path):
         run(paths[:count], tmp_path / f"{count}.png", "adt/scene1")
         widths.append(matplotlib.image.imread(tmp_path / f"{count}.png").shape[1])
     assert widths[1] == pytest.approx(1.5 * widths[0], rel=0.02)
-
-
-def test_a_lost_input_is_named(word_scene, tmp_path):
-    folder = word_scene()
-    path = scored(folder, folder)
     shutil.rmtree(folder / "poses.zarr")
     with pytest.raises(UserError, match=r"lacks poses\.zarr"):
-        run([path], tmp_path / "page.png", "adt/scene1")
+        run(paths[:1], tmp_path / "page.png", "adt/scene1")
 
 
 def asked(**rows):

@@ -61,9 +61,19 @@ def test_all_files_are_written_even_without_scores_and_equally_in_any_order(tabl
     assert first == {path: path.read_bytes() for path in out.iterdir()}
 
 
-def test_a_scene_that_is_missing_is_left_out_of_the_average(tables, scored, out):
-    found = tables(scored("adt/scene1", 0.4), scored("adt/scene3", 0.6))["adt_accuracy"]
-    own = rows_of(found, kind="synthetic", group="static", method="EgoSplat").set_index("scene")
+def test_recordings_apartments_and_validation_apartments_stand_apart(tables, scored, out):
+    """scene6 to scene10 are in no average of the apartments that defaults were chosen by, nor these in theirs."""
+    told = notice("real", {"clip_checkpoint": "small"})
+    found = tables(
+        *(scored(f"adt/scene{number}", score) for number, score in ((1, 0.4), (3, 0.6), (6, 0.4), (7, 0.2))),
+        scored("adt/scene1/variants/mine", 0.2, method="Mine"),
+        scored("adt/scene2", 0.66, "real", "/models/vit.bin"),
+        scored("adt/scene4", 0.77, "real", notice=told),
+    )
+    table = found["adt_accuracy"]
+    assert list(table.kind.unique()) == ["printed", "real", "synthetic"]
+    assert set(table[table.kind != "synthetic"].data) == {"ADT"}
+    own = rows_of(table, data="synthetic apartments", group="static", method="EgoSplat").set_index("scene")
     expected = dict.fromkeys(("scene2", "scene4", "scene5"), NAN)
     expected |= {"scene1": 40, "scene3": 60, "average": 50}
     assert own.percent.to_dict() == pytest.approx(expected, nan_ok=True)
@@ -72,66 +82,35 @@ def test_a_scene_that_is_missing_is_left_out_of_the_average(tables, scored, out)
     # Twenty categories, ten of them found in all of their frames: not the 43 to 57 of 200 independent queries.
     assert own.categories["average"] == 20
     assert own.low["average"] < 33 and 67 < own.high["average"]
-    assert rows_of(found, kind="synthetic", group="dynamic").percent.isna().all()
-    text = unpadded(out / "adt_accuracy.md")
-    assert "small checkpoints), average of 2 of 5 scenes | 40.0 | - | 40.0 | - | - | - | 60.0 |" in text
-
-
-def test_synthetic_rows_are_separate(tables, scored, out):
-    paths = [scored("adt/scene1", 0.89), scored("adt/scene1/variants/mine", 0.2, method="Mine")]
-    found = tables(*paths, scored("adt/scene2", 0.5, "real", "/models/vit.bin"))["adt_accuracy"]
-    assert list(found.kind.unique()) == ["printed", "real", "synthetic"]
-    assert set(rows_of(found, kind="synthetic").data) == {"synthetic apartments"}
-    assert set(found[found.kind != "synthetic"].data) == {"ADT"}
-    averages = rows_of(found, scene="average", group="all", method="EgoSplat").set_index("kind")
-    assert averages.percent["real"] == 50.0 and averages.percent["synthetic"] == 89.0
-    text = (out / "adt_accuracy.md").read_text()
-    (row,) = [line for line in text.splitlines() if "89.0" in line]
-    assert "EgoSplat (egosplat, synthetic apartments, small checkpoints)" in row and "**" not in row
-    before = text[: text.index(row)]
-    heading = before.rindex("synthetic apartments: not ADT")
-    assert heading > max(before.rindex("(paper, ADT)"), before.rindex("(egosplat, ADT, checkpoints clip"))
-    assert "**35.2**" in text, "the printed numbers are ranked as without it"
-    page = (out / "tables.html").read_text()
-    assert "synthetic apartments, small checkpoints" in page[: page.index("</title>")]
-
-
-def test_chance_stands_below_what_was_measured(tables, scored, out):
-    """A random pixel and the middle of the picture, on the same scenes; of mIoU nothing."""
-    found = tables(scored("adt/scene1", 0.9), scored("adt/scene2", 0.3))
-    own = rows_of(found["adt_accuracy"], kind="synthetic", group="all")
-    measured = rows_of(own, scene="average").set_index("method").percent.dropna()
-    assert measured.to_dict() == {"EgoSplat": 60.0, "a random pixel": 5.0, "the middle of the picture": 15.0}
-    assert rows_of(own, method="a random pixel", scene="scene1").percent.tolist() == [5.0]
-    assert "a random pixel" not in set(found["adt_iou"].method)
-    ablation = rows_of(found["adt_ablation"], method="a random pixel", metric="mean_iou")
-    assert ablation.percent.isna().all()
-    label = "Chance: the middle of the picture (synthetic apartments), average of 2 of 5 scenes"
-    assert label in (out / "adt_accuracy.md").read_text()
-
-
-def test_validation_apartments_stand_apart(tables, scored, out):
-    """scene6 to scene10 are in no average of the apartments that defaults were chosen by, nor these in theirs."""
-    found = tables(scored("adt/scene1", 0.9), scored("adt/scene6", 0.4), scored("adt/scene7", 0.2))
-    own = rows_of(found["adt_accuracy"], kind="synthetic", group="all", method="EgoSplat")
-    averages = rows_of(own, scene="average").set_index("data")
-    expected = {"synthetic apartments": 90.0, "validation apartments": 30.0}
-    assert averages.percent.to_dict() == pytest.approx(expected)
-    assert averages.scenes["validation apartments"] == "scene6 scene7"
-    assert rows_of(own, data="validation apartments").percent.count() == 1
+    assert rows_of(table, kind="synthetic", group="dynamic").percent.isna().all()
+    own = rows_of(table, data="validation apartments", group="all", method="EgoSplat")
+    assert own.percent.dropna().tolist() == pytest.approx([30.0])
+    assert own.scenes.dropna().tolist() == ["scene6 scene7"]
     assert "validation apartments" not in set(found["adt_transient"].data)
-
-
-def test_small_checkpoints_on_real_data_are_marked(tables, scored, out):
-    told = notice("real", {"clip_checkpoint": "small"})
-    paths = [scored("adt/scene1", 0.77, "real", notice=told), scored("adt/scene2", 0.66, "real", "/a.bin")]
-    found = tables(*paths)["adt_accuracy"]
-    own = rows_of(found, kind="real").drop_duplicates("checkpoints").set_index("checkpoints")
-    assert own.notice["small checkpoints"] == told and pd.isna(own.notice["checkpoints clip a.bin"])
-    text, page = (out / "adt_accuracy.md").read_text(), (out / "tables.html").read_text()
-    small, own = (next(line for line in text.splitlines() if score in line) for score in ("77.0", "66.0"))
-    assert BRIEF in small and BRIEF not in own and "models.set" in text
+    own = rows_of(table, kind="real", scene="average", group="all", method="EgoSplat").set_index(
+        "checkpoints"
+    )
+    assert own.percent["checkpoints clip vit.bin"] == 66.0 and own.percent["small checkpoints"] == 77.0
+    assert pd.isna(own.notice["checkpoints clip vit.bin"]) and own.notice["small checkpoints"] == told
+    text, page = unpadded(out / "adt_accuracy.md"), (out / "tables.html").read_text()
+    label = "EgoSplat (egosplat, synthetic apartments, small checkpoints), average of 2 of 5 scenes"
+    assert f"{label} | 40.0 | - | 40.0 | - | - | - | 60.0 |" in text
+    heading = text.index("synthetic apartments: not ADT")
+    assert (
+        max(text.rindex("(paper, ADT)"), text.rindex("(egosplat, ADT, checkpoints"))
+        < heading
+        < text.index(label)
+    )
+    assert "**35.2**" in text, "the printed numbers are ranked as without it"
+    assert BRIEF in next(line for line in text.splitlines() if "77.0" in line) and "models.set" in text
+    assert BRIEF not in next(line for line in text.splitlines() if "66.0" in line)
     assert BRIEF in page[: page.index("</title>")] and told[1:] in page
+    # The chance level, on the same scenes; of mIoU nothing.
+    own = rows_of(table, data="synthetic apartments", group="all", scene="average").set_index("method")
+    assert (own.percent["a random pixel"], own.percent["the middle of the picture"]) == (5.0, 15.0)
+    assert "a random pixel" not in set(found["adt_iou"].method)
+    chance = rows_of(found["adt_ablation"], method="a random pixel", metric="mean_iou")
+    assert chance.percent.isna().all() and len(chance)
 
 
 def test_the_page_shows_the_alarms_of_its_scenes(tables, scored, out):
