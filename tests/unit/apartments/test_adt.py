@@ -68,20 +68,17 @@ def make_view(rng, ids):
     return View(segmentation, depth, {uid: float(rng.uniform()) for uid in ids})
 
 
-def make_picture(rng):
-    ramp, colors = np.linspace(0, 127, SIZE), rng.uniform(0, 1, (2, 3))
-    return (ramp[:, None, None] * colors[0] + ramp[None, :, None] * colors[1]).astype(np.uint8)
-
-
 def make_frame(number):
     rng = np.random.default_rng(number)
+    ramp, colors = np.linspace(0, 127, SIZE), rng.uniform(0, 1, (2, 3))
+    picture = ramp[:, None, None] * colors[0] + ramp[None, :, None] * colors[1]
     seen = [ROOM, SHELF, CUP]
     return Frame(
         # The real sample's rate, whose captures are not on the microsecond grid.
         capture_ns=START_NS + number * 33_329_457,
         exposure_s=0.004 + 0.001 * number,
         gain=2.0 + number,
-        rgb=make_picture(rng),
+        rgb=picture.astype(np.uint8),
         with_people=make_view(rng, [*seen, PERSON]),
         without_people=make_view(rng, seen),
         world_from_object={CUP: random_pose(rng)},

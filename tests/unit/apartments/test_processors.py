@@ -6,8 +6,13 @@ import sys
 
 import pytest
 
+from egosplat.pipeline.config import defaults
 from egosplat.rasterize.kernels.library import cpu_features
-from tests.unit.apartments.conftest import SMALL_WORLD
+from egosplat_apartments.camera.effects import make_effects
+from egosplat_apartments.camera.lens import make_lens
+from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world
+from egosplat_apartments.world.world import make_world
+from tests.unit.apartments.conftest import SMALL_WORLD, digest_of
 
 # Each variable makes a library choose the code path of another processor. Unknown names are ignored.
 AVX512 = "NumPy without AVX-512"
@@ -21,30 +26,20 @@ LIMITS = {
     },
 }
 
-RECORDING = f"""
-import hashlib
-from egosplat.pipeline.config import defaults
-from egosplat_apartments.camera.effects import make_effects
-from egosplat_apartments.camera.lens import make_lens
-from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world
-from egosplat_apartments.world.world import make_world
-world, digest = make_world(**{SMALL_WORLD}), hashlib.sha256()
-renderer = make_renderer(world, make_lens(96))
-for camera in ("ideal", "real"):
-    effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | {{"camera": camera}}))
-    sequence = record_world(world, renderer, name="x", fps=1, seconds=3, effects=effects)
-    # With AVX-512 the wearer's way differs in the last bit on some processors, and points with it.
-    digest.update(sequence.points.round(9).tobytes())
-    for frame in sequence.frames():
-        digest.update(frame.rgb.tobytes())
-        for view in (frame.with_people, frame.without_people):
-            digest.update(view.segmentation.tobytes() + view.depth_mm.tobytes())
-print(digest.hexdigest())
-"""
+
+def record() -> str:
+    """The digest of a small recording of either camera."""
+    world, digests = make_world(**SMALL_WORLD), []
+    renderer = make_renderer(world, make_lens(96))
+    for camera in ("ideal", "real"):
+        effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | {"camera": camera}))
+        sequence = record_world(world, renderer, name="x", fps=1, seconds=3, effects=effects)
+        digests.append(digest_of(sequence, sequence.frames()).hexdigest())
+    return " ".join(digests)
 
 
 def recording(limit: dict[str, str]) -> str:
-    words = [sys.executable, "-c", RECORDING]
+    words = [sys.executable, "-c", f"from {__name__} import record; print(record())"]
     return subprocess.run(words, env=os.environ | limit, capture_output=True, text=True, check=True).stdout
 
 

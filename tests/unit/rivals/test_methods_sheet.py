@@ -1,6 +1,5 @@
 """The page of methods: which queries it shows, and a column for each method."""
 
-
 import shutil
 
 import matplotlib.image

@@ -27,7 +27,7 @@ pytest.importorskip("sklearn", reason='scikit-learn is absent: pip install "egos
 
 NOTHING = [0.0, 0.0]
 
-# Rows and columns that show the two patches of ``halves``.
+# Rows and columns that show the two patches of ``HALVES``.
 SHOWN, LEFT_HALF, RIGHT_HALF = slice(10, 38), slice(2, 30), slice(34, 62)
 
 
@@ -59,10 +59,10 @@ class Masks:
         return Targets(codes.movedim(-1, 1), known)
 
 
-def halves() -> tuple[Gaussians, torch.Tensor]:
-    """Two patches that fill the left and the right half of a picture, and whether each Gaussian is on the right."""
-    left, right = plane(2.0, x=-0.55), plane(2.0, x=0.55)
-    return Gaussians.concatenate([left, right]), torch.arange(left.count + right.count) >= left.count
+# Two patches that fill the left and the right half of a picture, and whether each Gaussian is on the right.
+HALVES = Gaussians.concatenate([plane(2.0, x=-0.55), plane(2.0, x=0.55)])
+ON_RIGHT = torch.arange(HALVES.count) >= HALVES.count // 2
+SQUARES = torch.where(ON_RIGHT[:, None], torch.tensor(RIGHT), torch.tensor(LEFT))
 
 
 def look_at(gaussians: Gaussians, masks: Masks):
@@ -77,41 +77,37 @@ def coded(gaussians: Gaussians, masks: Masks, **changes: object):
 
 def test_a_cluster_takes_the_mean_of_the_masks_that_agree_with_it_each_counting_once():
     """Lifting weights each view by what it shows; a mean of masks does not."""
-    gaussians, right = halves()
     tilted = [0.6, 0.8]
-    found = coded(gaussians, Masks([(LEFT, RIGHT), (tilted, RIGHT)]))
-    torch.testing.assert_close(found.code[~right, 0], torch.tensor([0.8, 0.4]).expand(int((~right).sum()), 2))
-    unit = coded(gaussians, Masks([(LEFT, RIGHT), (tilted, RIGHT)]), normalize_codes=True).code[~right, 0]
+    found = coded(HALVES, Masks([(LEFT, RIGHT), (tilted, RIGHT)]))
+    torch.testing.assert_close(
+        found.code[~ON_RIGHT, 0], torch.tensor([0.8, 0.4]).expand(int((~ON_RIGHT).sum()), 2)
+    )
+    unit = coded(HALVES, Masks([(LEFT, RIGHT), (tilted, RIGHT)]), normalize_codes=True).code[~ON_RIGHT, 0]
     torch.testing.assert_close(unit, torch.tensor([2.0, 1.0]).expand(len(unit), 2) / 5**0.5)
 
 
 def test_a_mask_that_disagrees_with_its_cluster_does_not_count():
     """In the third view, one mask covers both squares: half of it is the cluster of either."""
-    gaussians, right = halves()
     masks = Masks([(LEFT, RIGHT), (LEFT, RIGHT), ([0.5, 0.5], NOTHING)])
     masks.painted[2][masks.painted[2] >= 0] = 4
-    lifted = lift(look_at(gaussians, masks)).code[:, 0]
+    lifted = lift(look_at(HALVES, masks)).code[:, 0]
     torch.testing.assert_close(lifted[0], torch.tensor([5 / 6, 1 / 6]))
-    wanted = torch.where(right[:, None], torch.tensor(RIGHT), torch.tensor(LEFT))
-    torch.testing.assert_close(coded(gaussians, masks).code[:, 0], wanted)
+    torch.testing.assert_close(coded(HALVES, masks).code[:, 0], SQUARES)
 
 
 def test_gaussians_of_a_cluster_that_no_mask_agrees_with_keep_their_lifted_code():
     """Two masks, above and below, share the left square, so that none of them is its cluster."""
-    gaussians, right = halves()
     masks = Masks([(LEFT, RIGHT), (LEFT, RIGHT)])
     masks.painted[0, 0, : CAMERA.height // 2, LEFT_HALF] = 2
     masks.painted[1, 0] = -1
-    found = coded(gaussians, masks)
-    kept = lift(look_at(sharpen(gaussians), masks))
-    assert torch.equal(found.code[~right], kept.code[~right]) and torch.equal(found.share, kept.share)
+    found = coded(HALVES, masks)
+    kept = lift(look_at(sharpen(HALVES), masks))
+    assert torch.equal(found.code[~ON_RIGHT], kept.code[~ON_RIGHT]) and torch.equal(found.share, kept.share)
 
 
 def test_masks_without_a_code_do_not_count():
-    gaussians, _ = halves()
     masks = Masks([(LEFT, RIGHT), (NOTHING, RIGHT)])
-    labels = (torch.arange(gaussians.count) >= gaussians.count // 2).long()[:, None]
-    means, known = mask_means(look_at(gaussians, masks), masks, labels)
+    means, known = mask_means(look_at(HALVES, masks), masks, ON_RIGHT.long()[:, None])
     torch.testing.assert_close(means[0], torch.tensor([LEFT, RIGHT, NOTHING]))
     assert known.tolist() == [[True, True, False]]
 
