@@ -28,7 +28,6 @@ LIMITS = {
 
 
 def record() -> str:
-    """The digest of a small recording of either camera."""
     world, digests = make_world(**SMALL_WORLD), []
     renderer = make_renderer(world, make_lens(96))
     for camera in ("ideal", "real"):

@@ -16,7 +16,6 @@ HALVES = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.int32)
 
 
 def random_triangles_and_rays():
-    """700 and 3000."""
     rng = np.random.default_rng(1)
     corners = rng.uniform(-2, 2, (700, 1, 3)) + rng.normal(0, 0.3, (700, 3, 3))
     faces = np.arange(2100, dtype=np.int32).reshape(-1, 3)

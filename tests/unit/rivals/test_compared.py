@@ -14,27 +14,22 @@ from tests.unit.run.test_jobs import PRESETS, scenes
 __all__ = ("scenes",)
 
 
-def test_the_tables_hold_ablations_and_scores_by_name_that_exist(scenes):
-    """Protects the inputs of the tables."""
-    before = table_scores(scenes.values())
-    assert "results/mine/here/variants/baseline/metrics.json" in before
+def test_the_tables_hold_ablations_configured_methods_and_scores_by_name_that_exist(scenes):
+    before, home = table_scores(scenes.values()), "results/adt/one"
+    assert {
+        "results/mine/here/variants/baseline/metrics.json",
+        f"{home}/variants/langsplat/metrics.json",
+    } <= {*before}
     assert not [path for path in before if "named" in path or "absent" in path]
+    assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
     Path("results/adt/named").mkdir(parents=True)
     Path("results/adt/named/metrics.json").touch()
     assert set(table_scores(scenes.values())) - set(before) == {"results/adt/named/metrics.json"}
-    assert "results/mine/here/splats.png" in table_pictures(scenes.values())
-
-
-def test_the_tables_wait_for_the_methods_of_the_configuration(scenes):
-    """A run without a target makes neither."""
-    before = table_scores(scenes.values())
-    assert "results/adt/one/variants/langsplat/metrics.json" in before
-    assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
     keys = {"tables": {"methods": []}}
     told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
-    drawn = "results/adt/one/methods.png"
-    assert drawn in table_pictures(scenes.values()) and drawn not in table_pictures(told)
     assert not [path for path in table_scores(told) if "langsplat" in path]
+    assert {"results/mine/here/splats.png", f"{home}/methods.png"} <= {*table_pictures(scenes.values())}
+    assert f"{home}/methods.png" not in table_pictures(told)
 
 
 def test_variants_that_change_nothing_are_not_compared(scenes):

@@ -25,7 +25,6 @@ CPU = torch.device("cpu")
 
 
 def whole(region: torch.Tensor) -> Sample:
-    """All pixels of all regions."""
     return sample_regions(region, 2 * len(region) ** 2, torch.Generator().manual_seed(0))
 
 

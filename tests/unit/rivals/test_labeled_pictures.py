@@ -33,7 +33,6 @@ def recording(format: str, tmp_path: Path) -> Path:
 
 
 def read(format, recording, **keys):
-    """Frames and annotations of a recording."""
     made, output = recording.parent / "frames.zarr", recording.parent / "annotations.zarr"
     stage.run(recording, made, stage.FramesOptions(**{"resolution": 96} | keys), format=format)
     annotations_stage.run(recording, made, output, annotations_stage.AnnotationsOptions())
@@ -83,7 +82,6 @@ def test_classes_of_3d_ovs_are_exact(tmp_path):
 
 
 def test_labels_are_rectified_and_resized_with_their_pictures(format, recording):
-    """Half the size, and distortion that a lens of the COLMAP model has."""
     (recording / "sparse/0/cameras.txt").write_text("1 SIMPLE_RADIAL 96 72 90 48 36 0.05\n")
     frames, annotations = read(format, recording, resolution=48)
     assert annotations.shape("instance_map")[1:] == frames.shape("rgb")[1:3] == (36, 48)

@@ -14,7 +14,6 @@ NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 
 
 def scored(folder, home, method=None):
-    """The metrics.json of a method in ``home``, which shares all artifacts with ``folder``."""
     home.mkdir(exist_ok=True, parents=True)
     paths = {f"{name}_path": folder / f"{name}.zarr" for name in NAMES}
     output = home / "metrics.json"

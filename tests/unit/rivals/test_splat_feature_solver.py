@@ -33,7 +33,6 @@ SHOWN, LEFT_HALF, RIGHT_HALF = slice(10, 38), slice(2, 30), slice(34, 62)
 
 @pytest.fixture(autouse=True)
 def small_clusters(monkeypatch):
-    """Clusters of 20 Gaussians instead of 500."""
     monkeypatch.setattr(solver, "LEAST", 20)
 
 
@@ -66,7 +65,6 @@ SQUARES = torch.where(ON_RIGHT[:, None], torch.tensor(RIGHT), torch.tensor(LEFT)
 
 
 def look_at(gaussians: Gaussians, masks: Masks):
-    """Views of all masks from the origin."""
     return look(gaussians, type("Frames", (), {"codes": masks.painted, "of": masks.of}))
 
 

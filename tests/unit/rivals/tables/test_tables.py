@@ -21,8 +21,8 @@ def row(*cells: Cell, kind: str = PRINTED, method: str = "a") -> Row:
 
 
 def test_numbers_are_formatted_as_the_paper_formats_them():
-    texts = ["35.9", "0.0", "100.0", "12.3", "10.0", "-"]
-    assert [number(value) for value in (35.9, 0.0, 100.0, 12.349, 9.96, None)] == texts
+    texts = {35.9: "35.9", 0.0: "0.0", 100.0: "100.0", 12.349: "12.3", 9.96: "10.0", None: "-"}
+    assert {value: number(value) for value in texts} == texts
 
 
 def test_the_numbers_of_the_paper_agree_with_each_other_but_where_a_note_says_so():
@@ -77,12 +77,10 @@ SCENES_OF = [Cell(50.0, scenes=("scene1",)), Cell(40.0, scenes=("scene1", "scene
     ],
 )
 def test_equal_numbers_share_a_rank_and_what_cannot_be_compared_has_none(rows, expected):
-    """A row alone, averages over different scenes, chance, and synthetic rows."""
     assert ranks(rows) == [[rank] for rank in expected]
 
 
 def scored(name: str, hits: dict[str, list[bool]], chance: float | None = 0.05) -> ScoredScene:
-    """A scene with queries of each category, found or not."""
     rows = [
         {"frame": frame, "category": category, "groups": {"all": {"hit": hit, "iou": 0.5 * hit}}}
         for category, own in hits.items()

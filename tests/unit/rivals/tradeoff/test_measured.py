@@ -11,7 +11,6 @@ from egosplat_rivals.tradeoff.measured import best_within, find_front, list_numb
 
 
 def test_costs_are_of_what_makes_the_scene(variant):
-    """The reading of annotations, ten minutes, and the asking are no part of it."""
     numbers = list_numbers(read_runs([variant(None, minutes=10.0)]))
     totals = numbers[numbers.stage == ""].set_index("measure")
     expected = {"wall_s": 601, "cpu_s": 1202, "peak_memory_mb": 1100, "disk_mb": 20, "accuracy": 0.5}
