@@ -26,14 +26,10 @@ FISHEYE624 = [
 @pytest.fixture(scope="session")
 def fisheye() -> CameraCalibration:
     """The calibration of a real Aria RGB camera, rescaled from 1408 to 352 px."""
-    quaternion, translation = (
-        np.array([0.32414, 0.0402123, 0.0410768]),
-        [-0.00428072, -0.0118417, -0.00511398],
-    )
-    pose = SE3.from_quat_and_translation(0.944261, quaternion, np.array(translation))[0]
-    full = CameraCalibration(
-        "camera-rgb", CameraModelType.FISHEYE624, np.array(FISHEYE624), pose, 1408, 1408, 707.5, 1.0, ""
-    )
+    axis, place = np.array([0.32414, 0.0402123, 0.0410768]), np.array([-0.00428072, -0.0118417, -0.00511398])
+    pose = SE3.from_quat_and_translation(0.944261, axis, place)[0]
+    lens = CameraModelType.FISHEYE624, np.array(FISHEYE624)
+    full = CameraCalibration("camera-rgb", *lens, pose, 1408, 1408, 707.5, 1.0, "")
     return full.rescale(np.array([352, 352]), 0.25)
 
 
@@ -84,8 +80,7 @@ def copy(sample: Path, tmp_path: Path) -> Path:
     """A copy of the recording, what the readers use of it, that a test may damage."""
     folder = tmp_path / "sequence"
     folder.mkdir()
-    for name in ("video", "segmentations_with_skeleton", "segmentations"):
-        shutil.copyfile(sample / f"{name}.vrs", folder / f"{name}.vrs")
-    for name in ("instances.json", "metadata.json"):
+    videos = ("video.vrs", "segmentations_with_skeleton.vrs", "segmentations.vrs")
+    for name in (*videos, "instances.json", "metadata.json"):
         shutil.copyfile(sample / name, folder / name)
     return folder

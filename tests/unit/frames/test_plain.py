@@ -66,20 +66,14 @@ def test_two_images_of_one_name_are_rejected_with_both_names(tmp_path, first, se
         open_recording(folder, OPTIONS)
 
 
-def test_a_guessed_camera_is_marked_as_guessed(images):
+def test_a_camera_is_guessed_and_marked_so_unless_a_companion_file_has_it(images, video):
     capture = open_recording(images, OPTIONS)
     assert capture.camera == Camera(32, 24, 1.2 * 32, 1.2 * 32, 16.0, 12.0)
     assert not capture.camera_known and capture.device_from_camera is None and capture.origin == "real"
-
-
-@pytest.mark.parametrize("kind", ["images", "video"])
-def test_a_companion_calibration_is_used(images, video, kind):
-    path = images if kind == "images" else video()
-    target = path / "camera.json" if kind == "images" else path.with_name("clip.mp4.camera.json")
-    target.write_text(json.dumps(CALIBRATION))
-    capture = open_recording(path, OPTIONS)
-    assert capture.camera == Camera(32, 24, 25.0, 25.5, 15.0, 12.0)
-    assert capture.camera_known
+    for path, name in ((images, "images/camera.json"), (video(), "clip.mp4.camera.json")):
+        (images.parent / name).write_text(json.dumps(CALIBRATION))
+        capture = open_recording(path, OPTIONS)
+        assert capture.camera == Camera(32, 24, 25.0, 25.5, 15.0, 12.0) and capture.camera_known
 
 
 @pytest.mark.parametrize(

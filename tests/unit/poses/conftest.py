@@ -9,7 +9,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pandas as pd
-import pycolmap
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -115,17 +114,6 @@ def table() -> pd.DataFrame:
     turns = Rotation.from_euler("y", [[0.0], [30.0], [90.0], [90.0], [80.0]], degrees=True)
     places = np.stack([times * 1e-6, np.full(5, 1.5), np.full(5, -0.25)], axis=1)
     return trajectory_table(times, turns.as_quat(), places)
-
-
-def synthesized(
-    seed: int, frames: int, points: int, noise: float, **camera: object
-) -> pycolmap.Reconstruction:
-    """A model of pictures of one camera, whose points are located to ``noise`` px."""
-    pycolmap.set_random_seed(seed)
-    about = {"num_rigs": 1, "num_frames_per_rig": frames, "num_points3D": points} | camera
-    model = pycolmap.synthesize_dataset(pycolmap.SyntheticDatasetOptions(**about))
-    pycolmap.synthesize_noise(pycolmap.SyntheticNoiseOptions(point2D_stddev=noise), model)
-    return model
 
 
 @pytest.fixture

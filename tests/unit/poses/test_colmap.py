@@ -16,9 +16,9 @@ from egosplat.errors import UserError
 from egosplat.geometry import Camera, make_pose
 from egosplat.poses.colmap import colmap_poses, filter_points
 from egosplat.poses.options import PosesOptions
+from tests.support.models import synthesized
+from tests.unit.poses.conftest import CAMERA
 
-CAMERA = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
-"""Camera of the rendered room."""
 PINHOLE = pycolmap.Camera(model="PINHOLE", width=240, height=180, params=[210.0, 210.0, 120.0, 90.0])
 EVERYWHERE = np.ones((CAMERA.height, CAMERA.width), np.bool_)
 GUESS = Camera(240, 180, 260.0, 260.0, 120.0, 90.0)
@@ -183,8 +183,7 @@ def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_imag
 
 
 def test_points_are_filtered_by_track_length_and_error():
-    options = pycolmap.SyntheticDatasetOptions(num_rigs=1, num_frames_per_rig=5, num_points3D=5)
-    model = pycolmap.synthesize_dataset(options)
+    model = synthesized(0, 5, 5)
     lengths, errors, expected = [2, 3, 3, 2, 5], [0.5, 0.5, 2.5, 9.0, 2.0], []
     for (point_id, point), length, error in zip(sorted(model.points3D.items()), lengths, errors, strict=True):
         seen = [(element.image_id, element.point2D_idx) for element in point.track.elements]

@@ -10,14 +10,14 @@ from egosplat.calibration.colmap.distortion import choices, compare, lens_of_fra
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from tests.unit.poses.conftest import synthesized
+from tests.support.models import synthesized
 
 
 def model_of(k1: float, k2: float, seed: int) -> pycolmap.Reconstruction:
     """Fifteen images of 512 x 384 px of 300 points, which fill the picture."""
     params = [1500.0, 256.0, 192.0, k1, k2]
     size = {"camera_width": 512, "camera_height": 384, "camera_model_id": pycolmap.CameraModelId.RADIAL}
-    model = synthesized(seed, 15, 300, 0.5, num_cameras_per_rig=1, camera_params=params, **size)
+    model = synthesized(seed, 15, 300, 0.5, camera_params=params, **size)
     for number in [number for number, point in model.points3D.items() if point.track.length() < 2]:
         model.delete_point3D(number)
     return model
@@ -50,7 +50,6 @@ def test_frames_are_chosen_from_the_whole_recording_and_then_closer():
 
 
 def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
-    camera = Camera(240, 180, 210.0, 210.0, 120.0, 90.0)
     lens = Lens("RADIAL", 240, 180, (210.0, 120.0, 90.0, -0.15, 0.0))
     columns, rows = np.meshgrid(np.arange(240) + 0.5, np.arange(180) + 0.5)
     rays = lens.colmap().cam_from_img(np.stack([columns, rows], -1).reshape(-1, 2)).reshape(180, 240, 2)
@@ -58,7 +57,9 @@ def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
     about = source, None, cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT
     images = [cv2.remap(image, *about) for image in room.images(room.walk(12))]
     valid = np.ones((180, 240), bool)
-    found, evidence = lens_of_frames("auto", lambda frames: (images[i] for i in frames), 12, valid, camera)
+    found, evidence = lens_of_frames(
+        "auto", lambda frames: (images[i] for i in frames), 12, valid, room.camera
+    )
     assert found and evidence and evidence["distorted"]
     assert found.params[3] == pytest.approx(-0.15, abs=0.05)
     assert found.pinhole.fx == pytest.approx(lens.pinhole.fx, rel=0.05)

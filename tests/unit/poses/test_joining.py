@@ -5,7 +5,7 @@ import pycolmap
 import pytest
 
 from egosplat.calibration.colmap.joining import join_models
-from tests.unit.poses.conftest import synthesized
+from tests.support.models import synthesized
 
 TURNED = pycolmap.Sim3d(
     0.37, pycolmap.Rotation3d(np.array([0, 0, np.sin(0.4), np.cos(0.4)])), [1.0, 2.0, 3.0]

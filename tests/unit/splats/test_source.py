@@ -17,18 +17,15 @@ from egosplat.errors import UserError
 from egosplat.export.gaussians import geometry_columns, write_ply
 from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
-from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.similarity import moved
 from egosplat.poses.known import gsplat_world
 from egosplat.splats import stage
 from egosplat.splats.imported import known_worlds
 from egosplat.splats.source_reader import read_source
-from tests.support.gaussian_scene import CAMERA
+from tests.support.gaussian_scene import photographs
 from tests.support.splat_files import gsplat_columns, packed_ply, ply, spz, write
 from tests.support.splats import colorful
 from tests.unit.gaussians.test_similarity import similarity
-
-PLAIN = RenderSettings(0.1, "black", False, "auto")
 
 
 def run(folder: Path, source: Path | str, **changes: object):
@@ -36,14 +33,6 @@ def run(folder: Path, source: Path | str, **changes: object):
     options = stage.SplatsOptions(**{"masking": "none", "source": str(source)} | changes)
     stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / "splats.zarr", options)
     return verify(folder / "splats.zarr", SCHEMAS)
-
-
-def photographs(gaussians, camera_to_world) -> np.ndarray:
-    images = [
-        render(gaussians, CAMERA, pose, PLAIN, sh_degree=gaussians.sh_degree, background=None)[0]
-        for pose in camera_to_world
-    ]
-    return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
 
 
 @pytest.fixture
