@@ -1,4 +1,4 @@
-"""Stage ``masks``: select the transient instances (the paper's set D) and mask their pixels in each frame."""
+"""Stage ``masks``, the paper's spatial-temporal refinement stage: mask the transient instances (its set D) in each frame."""
 
 from pathlib import Path
 from typing import NamedTuple
