@@ -117,15 +117,11 @@ def test_a_folder_without_a_model_is_named(pictures, colmap_folder):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
-def frame(**changes: object) -> list[dict[str, object]]:
-    return [{"file_path": "images/1.png", "transform_matrix": np.eye(4).tolist()} | changes]
-
-
-def moved(*rows: list[float]) -> list[dict[str, object]]:
-    return frame(transform_matrix=list(rows))
-
-
 NAN, POSE = float("nan"), np.eye(4).tolist()
+
+
+def frame(*rows: list[float], **changes: object) -> list[dict[str, object]]:
+    return [{"file_path": "images/1.png", "transform_matrix": rows or POSE} | changes]
 
 
 @pytest.mark.parametrize(
@@ -134,10 +130,10 @@ NAN, POSE = float("nan"), np.eye(4).tolist()
         ({"frames": {}}, "frames"),
         ({"frames": []}, "frames"),
         ({"frames": frame(file_path=None)}, r"frames\[0\], None: file_path"),
-        ({"frames": moved([1, 0], [0, 1])}, "images/1.png: transform_matrix"),
-        ({"frames": moved(*np.diag([2.0, 2, 2, 1]).tolist())}, "images/1.png: the pose is not a rotation"),
-        ({"frames": moved(*np.diag([-1.0, 1, 1, 1]).tolist())}, "images/1.png: the pose is not a rotation"),
-        ({"frames": moved(*[[NAN] * 4] * 4)}, "images/1.png: transform_matrix.0.0: .*finite"),
+        ({"frames": frame([1, 0], [0, 1])}, "images/1.png: transform_matrix"),
+        ({"frames": frame(*np.diag([2.0, 2, 2, 1]).tolist())}, "images/1.png: the pose is not a rotation"),
+        ({"frames": frame(*np.diag([-1.0, 1, 1, 1]).tolist())}, "images/1.png: the pose is not a rotation"),
+        ({"frames": frame(*[[NAN] * 4] * 4)}, "images/1.png: transform_matrix.0.0: .*finite"),
         ({"frames": frame(fl_x=70.0)}, "images/1.png: fl_x differs from that of the whole file"),
         ({"frames": frame(transform_matrix_end=POSE)}, "images/1.png: transform_matrix_end is not"),
         ({"frames": frame(mask_path=3)}, "images/1.png: mask_path"),
@@ -159,7 +155,7 @@ NAN, POSE = float("nan"), np.eye(4).tolist()
         ({"k4": 0.1}, "OPENCV has k1 to k3"),
         ({"w": 64.5}, "w: "),
         ({"h": 1e300}, "h: "),
-        ({"frames": moved([1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0])}, "1e.300 from the origin"),
+        ({"frames": frame([1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0])}, "1e.300 from the origin"),
         ({"fl_x": -60.0}, "fx, fy must be positive"),
         ({"cx": 100.0}, r"\(cx, cy\) inside"),
         ({"applied_scale": 0}, "applied_scale"),

@@ -7,20 +7,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import shown_pixels
 from egosplat.calibration.lens import Lens, Rectifier, shared_pinhole
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, pictures
+from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
-from egosplat.frames.stage import FramesOptions
-from egosplat.frames.stage import run as make_frames
 from egosplat.gaussians.training_views import open_masking
 from egosplat.geometry import Camera
-from egosplat.pipeline.config import defaults
-from egosplat.poses.stage import PosesOptions
-from egosplat.poses.stage import run as make_poses
 from tests.support.recordings import copy_files, opened
+from tests.unit.poses.test_known import run
 
 WIDTH, HEIGHT = 64, 48
 OPTIONS = FramesOptions(resolution=64)
@@ -70,15 +67,6 @@ def write_known(folder: Path, kind: str, names: list[str], width: int = WIDTH, h
         write_model(folder, names, [f"PINHOLE {width} {height} 60 60 32 24"], [1] * len(names))
     else:
         write_transforms(folder, names, CAMERA | {"w": width, "h": height})
-
-
-def make(recording: Path) -> tuple[Artifact, Artifact]:
-    """Frames and known poses of a recording."""
-    made, written = recording.parent / "frames.zarr", recording.parent / "poses.zarr"
-    keys = defaults()["frames"] | {"resolution": 64, "evaluation_frames": 0}
-    make_frames(recording, made, FramesOptions(**keys), format="plain")
-    make_poses(recording, made, written, PosesOptions(**defaults()["poses"] | {"method": "known"}))
-    return open_artifact(made, FRAMES), open_artifact(written, POSES)
 
 
 @pytest.fixture
@@ -161,7 +149,7 @@ def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
     save(recording / "annotations/b.png", ids)
     table = "id\tname\tcategory\tmotion_type\n7\tright\tright\tstatic\n"
     (recording / "annotations/instances.tsv").write_text(table)
-    frames, poses = make(recording)
+    frames, poses = run(recording, {})
     told = capsys.readouterr().err
     assert "2 cameras" in told and "leaves out 1 pictures whose camera is not known" in told
     assert frames.facts["pictures"] == names and frames.facts["lens_of_frame"] == [0, 1, 0]
@@ -172,8 +160,7 @@ def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
     middle = frames.read("rgb")[:, round(camera.cy), round(camera.cx), :2]
     assert np.abs(middle.astype(int) - 120).max() <= 5
     keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
-    every = defaults()["frames"] | {"resolution": 64, "evaluation_frames": 3, "holdout": False}
-    make_frames(recording, tmp_path / "frames.zarr", FramesOptions(**every), format="plain")
+    run(recording, {"evaluation_frames": 3, "holdout": False})
     annotations_stage.run(recording, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", keys)
     found = open_artifact(tmp_path / "annotations.zarr", annotations_stage.ANNOTATIONS)
     assert found.read("annotated").tolist() == [False, True, False]
@@ -192,7 +179,7 @@ def test_masks_of_frames_are_read(folder, suffix):
         shown[index, 8:24, 16 + 8 * index : 24 + 8 * index] = False
         save(folder / f"masks/{index}.{suffix}", shown[index].astype(np.uint8) * 255)
     write_transforms(folder, NAMES, mask_path=[f"masks/{index}.{suffix}" for index in range(4)])
-    frames, _ = make(folder)
+    frames, _ = run(folder, {})
     valid = frames.read("valid")
     np.testing.assert_array_equal(valid, shown.any(axis=0))
     np.testing.assert_array_equal(frames.read("masked"), valid & ~shown)
@@ -243,7 +230,7 @@ def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, name, file
         (recording / "colmap").rename(recording / "sparse/0")
     if kind == "transforms":
         (recording / "colmap").mkdir()  # with nerfstudio's database
-    frames, poses = make(recording)
+    frames, poses = run(recording, {})
     assert frames.facts["pictures"] == files
     np.testing.assert_allclose(poses.read("camera_to_world")[:, 0, 3], [0.0, 0.3, 0.6, 0.9])
     (tmp_path / "copy").mkdir()
@@ -259,7 +246,7 @@ def test_masks_of_instant_ngp_are_no_pictures(folder, capsys):
     for name in ("1", "9"):
         save(folder / f"dynamic_mask_{name}.png", moves)
     write_transforms(folder, NAMES)
-    frames, _ = make(folder)
+    frames, _ = run(folder, {})
     assert frames.facts["pictures"] == NAMES and frames.read("valid").all()
     np.testing.assert_array_equal(frames.read("masked"), np.multiply.outer(np.arange(4) == 0, moves > 0))
     assert "1 of 2 dynamic_mask_" in capsys.readouterr().err

@@ -153,11 +153,11 @@ def test_area_averaging_does_not_alias(tmp_path):
     assert np.abs(image.astype(int) - 127).max() <= 1
 
 
-@pytest.mark.parametrize("stride, advised", [(1, "12 frames, 15 a second; frames.stride=5"), (3, None)])
-def test_a_stride_is_advised_where_colmap_would_take_long(video, capsys, stride, advised):
-    open_recording(video(), OPTIONS.change(stride=stride))
-    said = capsys.readouterr().err
-    assert advised in said if advised else "frames.stride" not in said
+def test_a_stride_is_advised_where_colmap_would_take_long(video, capsys):
+    open_recording(video(), OPTIONS)
+    assert "12 frames, 15 a second; frames.stride=5" in capsys.readouterr().err
+    open_recording(video(), OPTIONS.change(stride=3))
+    assert "frames.stride" not in capsys.readouterr().err
 
 
 def test_a_variable_frame_rate_keeps_its_times(video):

@@ -3,11 +3,7 @@
 import cv2
 import numpy as np
 import pytest
-from projectaria_tools.core.calibration import (
-    distort_by_calibration,
-    distort_label_by_calibration,
-    rotate_camera_calib_cw90deg,
-)
+from projectaria_tools.core import calibration as aria
 
 from egosplat.frames.rectify import Rectification, linear_calibration, pinhole, supersampling
 from egosplat.geometry import ARIA_PIXEL_OFFSET, CLOCKWISE, invert, transform
@@ -21,7 +17,7 @@ def test_device_points_project_like_the_rotated_linear_calibration(fisheye, upri
     device = transform(fisheye.get_transform_device_camera().to_matrix(), camera_points)
     # Their linear calibration carries the pose, so that the whole chain from the device frame is theirs.
     linear = linear_calibration(pinhole(352, 460.0))
-    rotated = rotate_camera_calib_cw90deg(linear) if upright else linear
+    rotated = aria.rotate_camera_calib_cw90deg(linear) if upright else linear
     to_rotated = rotated.get_transform_device_camera().inverse().to_matrix()
     theirs = [rotated.project_no_checks(point) for point in transform(to_rotated, camera_points)]
     ours = rectification.camera.project(transform(invert(rectification.device_from_camera), device))
@@ -42,7 +38,7 @@ def test_colors_equal_the_librarys_within_a_grey_level(fisheye, upright):
     rectification = Rectification(fisheye, camera, upright)
     assert supersampling(fisheye, camera) == 1
     image = noise()
-    theirs = distort_by_calibration(image, linear_calibration(camera), fisheye)
+    theirs = aria.distort_by_calibration(image, linear_calibration(camera), fisheye)
     theirs = np.rot90(theirs, -1) if upright else theirs
     difference = np.abs(theirs.astype(int) - rectification.color(image))[rectification.valid]
     assert difference.max() <= 1
@@ -53,7 +49,7 @@ def test_labels_equal_the_librarys(fisheye, resolution):
     camera = pinhole(resolution, 460.0)
     rectification = Rectification(fisheye, camera, False)
     labels = np.random.default_rng(1).integers(1, 2**60, (352, 352), dtype=np.uint64)
-    theirs = distort_label_by_calibration(labels, linear_calibration(camera), fisheye)
+    theirs = aria.distort_label_by_calibration(labels, linear_calibration(camera), fisheye)
     ours = rectification.labels(labels)
     assert ours.dtype == np.uint64
     assert (ours == theirs)[rectification.valid].all()
@@ -93,6 +89,8 @@ def test_a_fine_pattern_averages_instead_of_aliasing(fisheye):
     camera = pinhole(44, 460.0)
     rectification = Rectification(fisheye, camera, False)
     middle = rectification.color(image)[12:32, 12:32, 0].astype(float)
-    naive = distort_by_calibration(image, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(float)
+    naive = aria.distort_by_calibration(image, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(
+        float
+    )
     assert np.abs(middle - 127.5).max() < 20
     assert naive.std() > 3 * middle.std()

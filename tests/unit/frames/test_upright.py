@@ -2,16 +2,8 @@
 
 import numpy as np
 import pytest
-from projectaria_tools.core.calibration import (
-    CameraCalibration,
-    CameraModelType,
-    CpfType,
-    DeviceCadExtrinsics,
-    DeviceCalibration,
-    DeviceVersion,
-    device_calibration_from_json_string,
-    device_calibration_to_json_string,
-)
+from projectaria_tools.core import calibration as aria
+from projectaria_tools.core.calibration import CameraCalibration, DeviceCalibration, DeviceVersion
 from projectaria_tools.core.data_provider import VrsDataProvider
 from projectaria_tools.core.sophus import SE3
 from scipy.spatial.transform import Rotation
@@ -38,26 +30,26 @@ def device(version: DeviceVersion, build: str, origin: str, tilt_deg: float = 0.
 
     Pictures are 256 x 192 pixels: not square, as gen2's.
     """
-    cad = DeviceCadExtrinsics(version, build, origin)
+    cad = aria.DeviceCadExtrinsics(version, build, origin)
     empty = DeviceCalibration({}, {}, {}, {}, {}, cad, build, origin, version)
     turn = Rotation.from_euler("z", tilt_deg, degrees=True).as_matrix()
     tilt = SE3.from_matrix(make_pose(turn, np.zeros(3)))
-    cpf = empty.get_transform_device_cpf(CpfType.CadBased)
+    cpf = empty.get_transform_device_cpf(aria.CpfType.CadBased)
     mounted = cpf @ empty.get_transform_cpf_sensor(RGB, True) @ tilt
-    lens = CameraModelType.FISHEYE624, np.array([120.0, 127.5, 95.5, *[0.0] * 12])
+    lens = aria.CameraModelType.FISHEYE624, np.array([120.0, 127.5, 95.5, *[0.0] * 12])
     cameras = {
         name: CameraCalibration(name, *lens, pose, 256, 192, None, 1.0, "test")
         for name, pose in ((RGB, mounted), (origin, SE3()))
     }
     made = DeviceCalibration(cameras, {}, {}, {}, {}, cad, build, origin, version)
-    return device_calibration_from_json_string(device_calibration_to_json_string(made))
+    return aria.device_calibration_from_json_string(aria.device_calibration_to_json_string(made))
 
 
 @pytest.mark.parametrize("version, build, origin, turns", BUILDS)
 def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_path):
     calibration = device(version, build, origin)
     made = rectification(calibration, pinhole(64, 460.0), True, tmp_path)
-    cpf_from_device = np.linalg.inv(calibration.get_transform_device_cpf(CpfType.CadBased).to_matrix())
+    cpf_from_device = np.linalg.inv(calibration.get_transform_device_cpf(aria.CpfType.CadBased).to_matrix())
     up = -(cpf_from_device @ made.device_from_camera)[:3, 1]
     assert up[1] > 0.98
     sensor = rectification(calibration, pinhole(64, 460.0), False, tmp_path)
@@ -102,8 +94,8 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
         pose = device(version, build, origin).get_camera_calib(RGB).get_transform_device_camera()
         size, radius = map(int, lens.get_image_size()), lens.get_valid_radius()
         about = lens.get_projection_params(), pose, *size, radius, lens.get_max_solid_angle(), "test"
-        camera = CameraCalibration(RGB, CameraModelType.FISHEYE624, *about)
-        cad = DeviceCadExtrinsics(version, build, origin)
+        camera = CameraCalibration(RGB, aria.CameraModelType.FISHEYE624, *about)
+        cad = aria.DeviceCadExtrinsics(version, build, origin)
         return DeviceCalibration({RGB: camera}, {}, {}, {}, {}, cad, build, origin, version)
 
     monkeypatch.setattr(VrsDataProvider, "get_device_calibration", gen2)

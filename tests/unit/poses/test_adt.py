@@ -26,10 +26,6 @@ def poses_at(folder: Path, times_us: list[float], trajectory: str = "ground_trut
     return adt_poses(folder, times, mount, CAMERA, PosesOptions(trajectory=trajectory), 50.0)
 
 
-def device_pose(x: float, angle_deg: float) -> np.ndarray:
-    return make_pose(Rotation.from_euler("y", angle_deg, degrees=True).as_matrix(), np.array([x, 1.5, -0.25]))
-
-
 def cloud(inv_dist_std: list[float], dist_std: list[float]) -> pd.DataFrame:
     index = np.arange(len(dist_std))
     places = {"px_world": index * 1.0, "py_world": index * 2.0, "pz_world": 0.5}
@@ -39,8 +35,9 @@ def cloud(inv_dist_std: list[float], dist_std: list[float]) -> pd.DataFrame:
 
 def test_poses_are_exact_at_rows_and_interpolated_between_them(table, recording):
     poses = poses_at(recording(table), [1_010_000, 1_015_000, 1_002_500])
-    expected = [device_pose(1.01, 30.0), device_pose(1.015, 60.0), device_pose(1.0025, 7.5)]
-    np.testing.assert_allclose(poses.camera_to_world, np.array(expected) @ MOUNT, atol=1e-12)
+    turns = Rotation.from_euler("y", [[30.0], [60.0], [7.5]], degrees=True).as_matrix()
+    devices = make_pose(turns, np.array([[x, 1.5, -0.25] for x in (1.01, 1.015, 1.0025)]))
+    np.testing.assert_allclose(poses.camera_to_world, devices @ MOUNT, atol=1e-12)
     assert poses.registered.all()
     assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(10.0)
 

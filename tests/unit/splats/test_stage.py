@@ -12,6 +12,7 @@ from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, SCHEMAS, TRAINED, 
 from egosplat.errors import UserError
 from egosplat.gaussians.model import PARAMETERS
 from egosplat.splats import stage
+from tests.support.gaussian_scene import Stopped
 from tests.support.scenes import put
 
 KEYS = {"masking": "none", "iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
@@ -78,10 +79,6 @@ def test_masks_that_leave_no_pixel_are_named(scene, pictures, hides):
         stage.run(*paths, options, masks_path=folder / "masks.zarr")
 
 
-class Killed(Exception):
-    pass
-
-
 def test_a_killed_run_resumes_to_the_same_gaussians_if_its_options_are_the_same(scene, monkeypatch, capsys):
     folder, keys = scene(), {"background": "random"}
     unbroken = {seed: run(folder, f"{seed}.zarr", seed=seed, **keys).digest for seed in (0, 7)}
@@ -91,10 +88,10 @@ def test_a_killed_run_resumes_to_the_same_gaussians_if_its_options_are_the_same(
     def save_and_end(self, state):
         save(self, state)
         if state()["iteration"] == 30:
-            raise Killed
+            raise Stopped
 
     for seed in (7, 0):
-        with monkeypatch.context() as patch, pytest.raises(Killed):
+        with monkeypatch.context() as patch, pytest.raises(Stopped):
             patch.setattr(stage.Checkpoint, "save_if_due", save_and_end)
             run(folder, seed=0, **keys)
         assert written.exists() and capsys.readouterr()
