@@ -17,7 +17,7 @@ from egosplat.features.supervision import reconstruction, spread
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.vectors import unit
 from egosplat.pipeline.config import defaults
-from tests.support.scenes import put
+from tests.unit.features.conftest import put_views
 
 WIDTH = 16
 KINDS = pytest.mark.parametrize("kind", ["none", "linear", "autoencoder"])
@@ -31,14 +31,7 @@ def features(seed: int, count: int) -> np.ndarray:
 
 def run(folder: Path, rows: np.ndarray, instance: list[int], **changes: object) -> Artifact:
     """The artifact of the rows, of instances up to one more than the last that has a view."""
-    arrays = {
-        "feature": rows,
-        "instance": np.array(instance, np.int32),
-        "frame": np.arange(len(rows), dtype=np.int32),
-        "instances/level": np.zeros(max(instance) + 2, np.int8),
-    }
-    facts = {"levels": ["whole"], "clip": {"small": True, "hash": "0"}}
-    path = put(folder, "view_features", arrays, facts, stage="frames")
+    path = put_views(folder, rows, instance, np.zeros(max(instance) + 2))
     stage.run(path, folder / "features.zarr", stage.FeaturesOptions(**KEYS | changes))
     return open_artifact(folder / "features.zarr", FEATURES)
 

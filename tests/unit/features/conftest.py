@@ -1,6 +1,6 @@
 """A tiny OpenCLIP with random weights, and a small scene with instances, as artifacts."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -66,18 +66,13 @@ def scene(tmp_path: Path, labels: np.ndarray) -> Callable[..., Path]:
     return make
 
 
-@pytest.fixture
-def write_views(tmp_path: Path) -> Callable[..., Path]:
-    """``write_views(feature, instance, level)``: the path of a view_features.zarr of these rows."""
-
-    def write(feature: np.ndarray, instance: list[int], level: list[int]) -> Path:
-        arrays = {
-            "feature": np.asarray(feature, np.float32),
-            "instance": np.asarray(instance, np.int32),
-            "frame": np.arange(len(instance), dtype=np.int32),
-            "instances/level": np.asarray(level, np.int8),
-        }
-        facts = {"levels": LEVELS, "clip": {"small": True, "hash": "0"}}
-        return put(tmp_path, "view_features", arrays, facts, stage="frames")
-
-    return write
+def put_views(folder: Path, feature: np.ndarray, instance: Sequence[int], level: Sequence[int]) -> Path:
+    """The path of a view_features.zarr of these rows."""
+    arrays = {
+        "feature": np.asarray(feature, np.float32),
+        "instance": np.asarray(instance, np.int32),
+        "frame": np.arange(len(instance), dtype=np.int32),
+        "instances/level": np.asarray(level, np.int8),
+    }
+    facts = {"levels": LEVELS, "clip": {"small": True, "hash": "0"}}
+    return put(folder, "view_features", arrays, facts, stage="frames")

@@ -22,7 +22,6 @@ def test_langsplat_s_autoencoder_has_its_number_of_parameters():
     model = Autoencoder(512, 3)
     count = {name: sum(p.numel() for p in part.parameters()) for name, part in model.named_children()}
     assert count == {"encoder": 175_619, "decoder": 241_440}
-    assert sum(count.values()) == 417_059
 
 
 def test_its_loss_takes_the_cosine_over_the_channels():
@@ -41,20 +40,6 @@ def test_every_row_is_in_a_batch_of_at_least_two(count):
     assert all(len(part) > 1 for part in parts)
     assert set(torch.cat(parts).tolist()) == set(range(count))
     assert count == 1 or len(torch.cat(parts)) == count
-
-
-@pytest.mark.parametrize("kind, dims", [("none", 1), ("linear", 4), ("linear", 12), ("autoencoder", 3)])
-def test_codes_and_reconstructions_have_their_shapes(kind, dims):
-    features = rows(150, 12, 4)
-    fitted = fit(features, kind, dims, 3, 0)
-    codes = fitted.encode(features)
-    assert codes.dtype == np.float32 and codes.shape == (150, 12 if kind == "none" else dims)
-    decoded = decode(torch.from_numpy(codes), fitted.decoder)
-    torch.testing.assert_close(decoded.norm(dim=1), torch.ones(150))
-    cosine = reconstruction(features, codes, fitted.decoder)
-    np.testing.assert_allclose(cosine, (features * decoded.numpy()).sum(axis=1), atol=1e-6)
-    if kind != "autoencoder":
-        assert cosine.min() > (0.9999 if kind == "none" or dims == 12 else 0.99)
 
 
 def test_the_decoder_s_numbers_are_the_autoencoder_s():

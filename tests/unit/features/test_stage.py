@@ -12,6 +12,7 @@ from egosplat.features.supervision import agreement
 from egosplat.language.decoder import decode, read_decoder
 from egosplat.language.vectors import unit
 from egosplat.pipeline.config import defaults
+from tests.unit.features.conftest import put_views
 
 KEYS = defaults()["features"] | {"dims": 3, "epochs": 2}
 INSTANCE = [0] * 7 + [2] * 2 + [3]
@@ -29,11 +30,11 @@ def feature() -> np.ndarray:
 
 
 @pytest.fixture
-def run(write_views, tmp_path, feature):
+def run(tmp_path, feature):
     """``run(feature=, instance=, level=, **changes)``: the verified artifact."""
 
     def call(feature=feature, instance=INSTANCE, level=LEVEL, **changes):
-        path = write_views(feature, instance, level)
+        path = put_views(tmp_path, feature, instance, level)
         stage.run(path, tmp_path / "features.zarr", stage.FeaturesOptions(**KEYS | changes))
         return verify(tmp_path / "features.zarr", SCHEMAS)
 

@@ -45,7 +45,6 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene, run, clip_keys):
 
 
 def test_features_are_open_clip_s_own(scene, run, clip_keys):
-    """Features equal those of OpenCLIP's own transform of the cropped image."""
     from open_clip.transform import PreprocessCfg, image_transform_v2
 
     folder = scene()

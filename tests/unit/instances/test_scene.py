@@ -16,7 +16,6 @@ def labels(*rows: list[int]) -> np.ndarray:
 
 @pytest.mark.parametrize(("frame", "drawn"), [(0, 1), (3, 4), (1, -1)])
 def test_a_mask_takes_the_name_of_its_thing_in_its_own_frame(frame, drawn):
-    """A track may show one thing in one frame and another in the next."""
     named = np.array([[0, 0, 3], [7, 2, 7], [1, -1, 4]])
     assert draw_masks(named, frame, labels([7, 2, -1, 5])).tolist() == [[[drawn, -1, -1, -1]]]
 
@@ -67,7 +66,6 @@ def test_a_thing_stands_if_most_pairs_of_its_masks_do(held, seconds, more, expec
 
 
 def test_the_time_does_not_grow_with_the_square_of_the_frames(monkeypatch):
-    """Of a long track only some masks are compared, from the first to the last."""
     counts, compare = [], moving.overlaps
     counted = lambda runs, *others: counts.append(len(runs.votes)) or compare(runs, *others)
     monkeypatch.setattr(moving, "overlaps", counted)

@@ -76,7 +76,6 @@ def test_a_part_has_its_whole_as_parent(scene, truth):
 
 
 def test_the_source_tracks_passes_segments_through(scene):
-    """The paper's instances are its tracks: not one label changes."""
     folder = scene()
     found = run(folder, source="tracks")
     segments = verify(folder / "segments.zarr", SCHEMAS)
@@ -148,7 +147,6 @@ def test_a_track_that_stands_still_is_merged_like_any_mask(scene, truth):
 
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
-    """Training of the temporary Gaussians goes on after the last checkpoint."""
     folder = scene()
     whole = run(folder)
     monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)

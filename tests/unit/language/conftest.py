@@ -64,6 +64,14 @@ def labels(camera_to_world) -> np.ndarray:
     return found
 
 
+def feature_arrays(codes: np.ndarray, level: np.ndarray, views: np.ndarray) -> dict[str, np.ndarray]:
+    """Arrays of features.zarr: (I, C) codes and (I,) levels of instances, each with the same code in its (instance, frame) views."""
+    instance, frame = views.T
+    own = {"instance": instance, "frame": frame, "supervision": codes[instance], "code": codes[instance]}
+    consistent = {"consistent": codes, "consistent_code": codes, "views": np.ones(len(codes), np.int32)}
+    return own | consistent | {"instances/level": level}
+
+
 @pytest.fixture
 def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
     """``scene(target=, rows=, levels=)``: a folder with all that the stage reads but the splats.
@@ -93,23 +101,13 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         level = np.array(levels, np.int8)
         views = np.argwhere(np.ones((3, FRAME_COUNT))) if rows is None else np.array(rows)
         views = views.astype(np.int32)
-        features = {
-            "consistent": CODES,
-            "views": np.ones(3, np.int32),
-            "instances/level": level,
-            "instance": views[:, 0],
-            "frame": views[:, 1],
-            "supervision": CODES[views[:, 0]],
-            "code": CODES[views[:, 0]],
-            "consistent_code": CODES,
-        }
         moving = np.zeros((FRAME_COUNT, SIZE, SIZE), bool)
         moving[:, :, :4] = True
         put(tmp_path, "frames", frames, facts)
         put(tmp_path, "poses", poses, facts, made_from=["frames"])
         about = {"levels": LEVELS, "decoder": {"widths": [3]}}
         put(tmp_path, "instances", {"labels": labels, "instances/level": level}, about, made_from=["frames"])
-        put(tmp_path, "features", features, about, options={"supervision": target})
+        put(tmp_path, "features", feature_arrays(CODES, level, views), about, options={"supervision": target})
         still = np.zeros(3, bool)
         put(tmp_path, "masks", {"refined": moving, "instances/transient": still}, made_from=["instances"])
         put(tmp_path, "transient", {"probability": moving.astype(np.float16) / 2}, made_from=["frames"])

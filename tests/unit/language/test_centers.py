@@ -43,16 +43,6 @@ def test_kernels_list_what_the_reference_shows():
     torch.testing.assert_close(*pair, equal_nan=True)
 
 
-def test_what_a_view_shows_is_the_same_with_both_backends():
-    found, wanted = (
-        look_at_centers(CROWD, CAMERA, np.eye(4), settings(name)) for name in ("cpu", "reference")
-    )
-    np.testing.assert_array_equal(found.gaussian, wanted.gaussian)
-    np.testing.assert_allclose(found.weight, wanted.weight, rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(found.median_depth, wanted.median_depth)
-    assert (CROWD.means[found.gaussian, 2] >= 0.1).all() and 50 < len(found.gaussian) < 250
-
-
 @pytest.mark.parametrize(
     ("depths", "opacities", "weights", "median"),
     [
@@ -75,7 +65,10 @@ def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, 
 
 @pytest.mark.parametrize(
     ("means", "gaussian", "pixel"),
-    [([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.2, 0.0, 2.0]], [2], [[35, 20]]), ([[0.0, 0.0, -2.0]], [], [])],
+    [
+        ([[0.0, 0.0, -2.0], [9.0, 0.0, 2.0], [0.0, 0.0, 0.05], [0.2, 0.0, 2.0]], [3], [[35, 20]]),
+        ([[0.0, 0.0, -2.0]], [], []),
+    ],
 )
 def test_centers_behind_the_camera_and_outside_the_image_are_left_out(means, gaussian, pixel):
     found = look_at_centers(blobs(means, [0.9] * len(means)), CAMERA, np.eye(4), RENDERING)

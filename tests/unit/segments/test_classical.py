@@ -157,7 +157,6 @@ def test_large_uncovered_regions_become_tracks():
 
 
 def test_pictures_larger_than_the_flow_are_tracked_alike(monkeypatch):
-    """Optical flow at a smaller size moves labels as far as at the image's own."""
     scale = {"dsize": (512, 512), "interpolation": cv2.INTER_NEAREST}
     (before, mask), (after, moved) = (
         [cv2.resize(each.astype(np.uint8), **scale) for each in frame(column)] for column in (20, 26)

@@ -84,7 +84,6 @@ def test_nms_keeps_no_mask_and_one_mask(count):
 
 
 def test_mask_nms_matches_the_pairwise_definition():
-    """The vectorized filter equals a loop over all pairs of random masks."""
     generator = torch.Generator().manual_seed(0)
     for _ in range(20):
         corners = torch.randint(0, 30, (12, 2), generator=generator)

@@ -110,7 +110,6 @@ def test_a_mask_starts_a_track_by_the_mean_probability_inside_it(sam2, images, p
 
 
 def test_few_moving_pixels_are_searched(sam2, images):
-    """A hand is small; a single pixel is noise."""
     moves = probability()
     moves[0, 10:15, 14:21] = 1
     options = OPTIONS.change(points_per_side=16)

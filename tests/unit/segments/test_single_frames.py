@@ -28,7 +28,6 @@ def bounds_of(most, side):
 
 @pytest.mark.parametrize("per_side", [1, 2, 3, 4])
 def test_crops_cover_the_frame_and_overlap(per_side):
-    """Each pixel is in a crop, all crops have one size, and neighbors share a part of the frame."""
     found = crops_of(480, 640, per_side)
     assert len(found) == per_side**2
     seen = np.zeros((480, 640), int)
@@ -39,7 +38,6 @@ def test_crops_cover_the_frame_and_overlap(per_side):
 
 
 def test_a_mask_lands_at_its_place_in_the_frame():
-    """A disc in a crop of a frame that is not square covers the same pixels on the canvas."""
     crop, canvas = np.s_[12:44, 20:60], 128
     rows, columns = (np.arange(80) + 0.5) / 80 * 32 + 12, (np.arange(80) + 0.5) / 80 * 40 + 20
     disc = (rows[:, None] - 30) ** 2 + (columns[None] - 42) ** 2 < 9**2
@@ -60,7 +58,6 @@ def test_masks_that_are_large_or_that_a_border_inside_the_frame_cuts_off_are_dro
 
 
 def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
-    """One thing is kept once, in its sharper outline; other masks of the frame stay."""
     coarse = np.zeros((2, 20, 20), bool)
     coarse[0, 4:8, 4:8] = True
     coarse[1, 10:18, 10:18] = True
@@ -71,14 +68,17 @@ def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
     assert torch.equal(merged.masks[0], torch.from_numpy(fine[0]))
 
 
-def labels_of(sam2, image, shown, options) -> np.ndarray:
-    found = segment_frame(sam2, Video(1, lambda _: image, lambda _: shown), 0, options)
+IMAGE = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
+
+
+def labels_of(sam2, shown, **keys) -> np.ndarray:
+    options = SegmentsOptions(**keys, crops_per_side=2, image_size=512)
+    found = segment_frame(sam2, Video(1, lambda _: IMAGE, lambda _: shown), 0, options)
     return join_frames([found], [0], 1, (96, 128)).labels[0]
 
 
 def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypatch):
     """Crops are prompted at the model's own side, and it has that side again afterwards."""
-    image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
     sides = []
 
     def recorded(sam2, image):
@@ -86,10 +86,8 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
         return encode(sam2, image)
 
     monkeypatch.setattr(single_frames, "encode", recorded)
-    keys = {"crops_per_side": 2, "image_size": 512, "points_per_side": 2}
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.7, 0.1, 0.2))
-    options = SegmentsOptions(**keys)
-    found = labels_of(sam2, image, np.ones((96, 128), bool), options)
+    found = labels_of(sam2, np.ones((96, 128), bool), points_per_side=2)
     assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
     assert found.shape == (3, 96, 128)
 
@@ -97,7 +95,6 @@ def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypat
 @pytest.mark.parametrize(("columns", "expected"), [(50, [8, 8, 0, 8, 0]), (0, [0] * 5)])
 def test_pixels_that_do_not_show_the_scene_are_not_prompted(sam2, monkeypatch, columns, expected):
     """Less than the left half is shown: the crops on the right have no point there. Or nothing is."""
-    image = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
     shown = np.zeros((96, 128), bool)
     shown[:, :columns] = True
     points = []
@@ -108,9 +105,7 @@ def test_pixels_that_do_not_show_the_scene_are_not_prompted(sam2, monkeypatch, c
 
     monkeypatch.setattr(single_frames, "prompt", recorded)
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
-    found = labels_of(
-        sam2, image, shown, SegmentsOptions(crops_per_side=2, image_size=512, points_per_side=4)
-    )
+    found = labels_of(sam2, shown, points_per_side=4)
     assert [len(one) for one in points] == expected
     assert (found[:, :, columns:] == -1).all() and (found >= 0).any() == (columns > 0)
     if columns:

@@ -77,7 +77,6 @@ def nothing(count=COUNT) -> np.ndarray:
 
 
 def test_frames_that_a_survey_drops_are_skipped(segmented, tmp_path, survey_that_keeps):
-    """The kept frames are segmented as a video of their own; dropped frames have no label."""
     survey, seen = survey_that_keeps(tmp_path, [1, 2, 5]), []
     instances = [Track(0, 1, 1.0, 1.0)]
     segments = segmented(nothing(3) + 1, instances, prompted=[0, 2], survey=survey, seen=seen)

@@ -62,7 +62,6 @@ ERROR = {"yaw": 1.0, "pitch": 0.5, "y": 0.03}
 
 @pytest.mark.parametrize("step", STEPS.values(), ids=STEPS)
 def test_an_error_of_the_pose_is_not_motion(step):
-    """The given pose is off by 1 degree and 3 cm."""
     there = pose(**step)
     images = [image(each, (0.1, -0.3)) for each in (HERE, there)]
     found = between(*images, there @ pose(**ERROR))

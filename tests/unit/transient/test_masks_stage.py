@@ -101,7 +101,6 @@ def residuals(scene):
 
 
 def test_an_instance_that_looks_static_is_not_masked(residuals):
-    """The network alone does not mask what the Gaussians of the warm-up show, as static things do."""
     assert run(residuals(8), stands_out=0.5).read("instances/transient")[0]
     masks = run(residuals(1), stands_out=0.5)
     assert not masks.read("refined").any() and 0 < masks.read("instances/stands_out")[0] < 0.5
@@ -132,7 +131,6 @@ def test_a_pixel_that_the_network_calls_static_is_not_masked(scene):
 
 
 def test_masks_that_are_merged_in_3d_are_not_masked(scene):
-    """They cover the same surfaces in several views. A track of something that moves is masked."""
     for moving in (False, True):
         made = scene({"source": "masks"}, **{"instances/moving": np.array([moving, False, False])})
         masks = run(predicted(made))

@@ -65,7 +65,6 @@ def test_the_network_is_restored_from_its_artifact(scene):
 
 
 def test_poses_and_exposure_are_corrected_here_too(scene):
-    """Protects the keys of the section camera in this stage."""
     folder, weights = scene(), []
     for poses, exposure in (("off", "off"), ("auto", "auto"), ("on", "off"), ("off", "on")):
         found = run(folder, f"{poses}_{exposure}.zarr", refine_poses=poses, compensate_exposure=exposure)
