@@ -140,6 +140,7 @@ def test_one_and_very_many_instances(measured, norm, count):
     assert np.isfinite(found.feature).all() and (found.views == number).all()
     for one in range(0, count, 997):
         own = rows[instance == one]
+        assert (robust_mean(own[None], norm, K)[1][0] == found.inlier[instance == one]).all()
         measured(np.abs(found.feature[one] - exact(own, norm, K)).max())
 
 

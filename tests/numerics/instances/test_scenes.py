@@ -7,14 +7,16 @@ import torch
 from egosplat import files
 from egosplat.alarms.artifact_alarms import alarms_of
 from egosplat.artifacts import provenance
-from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.schemas import POSES, SCHEMAS
-from egosplat.instances import geometry, stage
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import POSES
+from egosplat.instances import geometry
 from egosplat.instances.lifted_masks import lift_masks
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs
 from tests.support.blobs import blobs
 from tests.unit.instances.conftest import CAMERA, FRAMES, SIZE, camera_positions, options
+from tests.unit.instances.test_stage import agreement
+from tests.unit.instances.test_stage import run as merge
 
 
 @pytest.fixture(autouse=True)
@@ -26,17 +28,9 @@ def _quick(monkeypatch):
 
 def run(folder, **changes):
     """The verified artifact, whose arrays are finite."""
-    paths = [folder / f"{kind}.zarr" for kind in ("frames", "poses", "segments")]
-    stage.run(*paths, folder / "instances.zarr", options(**changes))
-    found = verify(folder / "instances.zarr", SCHEMAS)
+    found = merge(folder, **changes)
     assert all(np.isfinite(found.read(name)).all() for name in found.schema.fields)
     return found
-
-
-def wrong(found, truth):
-    """Share of pixels whose square is wrong or missing."""
-    shown = found.read("labels")[:, 1]
-    return 1.0 - max((shown == truth).mean(), (shown == 1 - truth).mean())
 
 
 @pytest.mark.numerics(
@@ -48,7 +42,7 @@ def test_any_size(measured, scene, truth, scale):
     camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz") * scale
     camera_to_world[:, :3, 3] *= scale
     folder = scene(**{"camera_to_world": camera_to_world, "points/xyz": points})
-    measured(wrong(run(folder, near_plane=0.1 * scale), truth))
+    measured(1 - agreement(run(folder, near_plane=0.1 * scale), truth))
 
 
 @pytest.mark.numerics(
@@ -71,7 +65,7 @@ def test_a_camera_that_sees_nothing(scene):
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_trained_gaussians_that_are_not_finite(measured, scene, truth, monkeypatch, value):
     diverge(monkeypatch, slice(None, None, 2), value)
-    measured(wrong(run(scene()), truth))
+    measured(1 - agreement(run(scene()), truth))
 
 
 @pytest.mark.numerics("all temporary Gaussians NaN", outside="no instance; an alarm says so")

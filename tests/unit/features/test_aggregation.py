@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.features.aggregation import NORMS, aggregate, disagreement, robust_mean
+from egosplat.features.aggregation import NORMS, disagreement, robust_mean
 
 
 @pytest.mark.parametrize("norm", ["element", "euclidean"])
@@ -39,24 +39,6 @@ def test_the_scale_of_features_does_not_matter(norm, scale):
     scaled, kept_scaled = robust_mean(values * scale, norm, 3.0)
     np.testing.assert_allclose(scaled, usual * scale, rtol=1e-9)
     assert (kept == kept_scaled).all()
-
-
-@pytest.mark.parametrize("norm", NORMS)
-def test_many_instances_at_once_are_as_each_alone(norm, monkeypatch):
-    monkeypatch.setattr("egosplat.features.aggregation._NUMBERS_AT_ONCE", 200)
-    rng = np.random.default_rng(4)
-    instance = np.sort(rng.integers(0, 40, 300))
-    instance = instance[instance != 17]
-    features = rng.normal(size=(len(instance), 6)).astype(np.float32)
-    found = aggregate(features, instance, 41, norm, 3.0)
-    assert found.views.tolist() == np.bincount(instance, minlength=41).tolist()
-    for number in range(41):
-        rows = instance == number
-        if not rows.any():
-            assert (found.feature[number] == 0).all()
-            continue
-        mean, inlier = robust_mean(features[None, rows], norm, 3.0)
-        assert (mean[0] == found.feature[number]).all() and (inlier[0] == found.inlier[rows]).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 8, 31])

@@ -45,17 +45,11 @@ def test_each_square_is_one_instance_in_every_frame(scene, truth):
 
 def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
     """Protects the poses behind lifted masks and rendered labels: those that the temporary Gaussians were trained with."""
-    seen, train = {}, stage.train_geometry
-
-    def trained(*arguments):
-        seen["found"] = train(*arguments)
-        return seen["found"]
-
-    monkeypatch.setattr(stage, "train_geometry", trained)
-    folder = scene()
+    seen, train, folder = [], stage.train_geometry, scene()
+    monkeypatch.setattr(stage, "train_geometry", lambda *all_: seen.append(train(*all_)) or seen[-1])
     given = verify(folder / "poses.zarr", SCHEMAS).read("camera_to_world")
     found = run(folder, refine_poses="on", compensate_exposure="on")
-    views, cameras = seen["found"].views, seen["found"].camera_to_world
+    views, cameras = seen[0].views, seen[0].camera_to_world
     np.testing.assert_array_equal(views.camera_to_world, cameras[views.frame])
     assert np.abs(cameras - given)[views.frame].max() > 1e-4
     assert found.read("instances/level").tolist() == [1, 1]
@@ -63,9 +57,9 @@ def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
 
 def test_a_part_has_its_whole_as_parent(scene, truth):
     """The upper half of the left square, at the finer level, lies in the left square."""
-    labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
+    labels = marked(truth)
     for frame in range(0, FRAMES, 2):
-        labels[frame, 1] = truth[frame] + 2 * frame
+        labels[frame, 1] += frame
         labels[frame, 0, : SIZE // 2][truth[frame, : SIZE // 2] == 0] = 2 * frame + 2
     level = np.tile(np.array([1, 1, 0, 0], np.int8), FRAMES // 2)
     found = run(scene(labels=labels, **{"instances/level": level}))

@@ -23,24 +23,25 @@ def settings(backend: str) -> RenderSettings:
     return replace(RENDERING, backend=backend)
 
 
-def test_kernels_list_what_the_reference_shows():
-    """Against the definition in float64: one image for each Gaussian."""
-    pixels = torch.stack(torch.meshgrid(torch.arange(0, 60, 7), torch.arange(0, 40, 6), indexing="ij"), -1)
-    pixels = pixels.reshape(-1, 2)
-    geometry = [one.double() for one in (CROWD.means, CROWD.quats, CROWD.scales, CROWD.opacities)]
+def dense(begin: torch.Tensor, ids: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
+    """(P, 300) weights of the lists of P pixels."""
+    found = torch.zeros(len(begin) - 1, 300).double()
+    found[torch.repeat_interleave(begin.diff()), ids] = weights.double()
+    return found
+
+
+def test_kernels_list_what_the_reference_shows_in_float64():
+    pixels = torch.cartesian_prod(torch.arange(0, 60, 7), torch.arange(0, 40, 6))
+    geometry = [each.double() for each in (CROWD.means, CROWD.quats, CROWD.scales, CROWD.opacities)]
     matrices = torch.eye(4).double(), torch.from_numpy(CAMERA.matrix)
-    begin, ids, weights = pixel_lists(View(*geometry, *matrices, 60, 40, backend="reference"), pixels)
-    wanted = torch.zeros(len(pixels), 300).double()
-    wanted[torch.repeat_interleave(begin.diff()), ids] = weights
-    mine = pixel_lists(view_of(CROWD, CAMERA, np.eye(4), settings("cpu")), pixels)
-    found = torch.zeros(len(pixels), 300)
-    found[torch.repeat_interleave(mine[0].diff()), mine[1]] = mine[2]
-    assert int((wanted > 0).sum()) > 300
-    torch.testing.assert_close(found.double(), wanted, rtol=1e-4, atol=1e-5)
-    depth = CROWD.means[:, 2].double()
-    pair = [median_depths(*lists, depth) for lists in (mine, (begin, ids, weights))]
-    assert 5 < int(pair[0].isnan().sum()) < len(pixels) - 5
-    torch.testing.assert_close(*pair, equal_nan=True)
+    exact = View(*geometry, *matrices, 60, 40, backend="reference")
+    views = view_of(CROWD, CAMERA, np.eye(4), settings("cpu")), exact
+    lists = [pixel_lists(view, pixels) for view in views]
+    assert int((dense(*lists[1]) > 0).sum()) > 300
+    torch.testing.assert_close(dense(*lists[0]), dense(*lists[1]), rtol=1e-4, atol=1e-5)
+    medians = [median_depths(*each, CROWD.means[:, 2].double()) for each in lists]
+    assert 5 < int(medians[0].isnan().sum()) < len(pixels) - 5
+    torch.testing.assert_close(*medians, equal_nan=True)
 
 
 @pytest.mark.parametrize(
@@ -87,10 +88,8 @@ def test_own_weights_are_those_of_the_lists(width, height):
     camera = Camera(width, height, CAMERA.fx, CAMERA.fy, CAMERA.cx, CAMERA.cy)
     view = view_of(CROWD, camera, np.eye(4), settings("cpu"))
     inside = ((pixels >= 0) & (pixels < size)).all(dim=1)
-    begin, ids, weights = pixel_lists(view, pixels[inside])
-    owner = inside.nonzero()[torch.repeat_interleave(begin.diff()), 0]
     wanted = torch.zeros(300)
-    wanted[owner[ids == owner]] = weights[ids == owner]
+    wanted[inside] = dense(*pixel_lists(view, pixels[inside]))[:, inside].diagonal().float()
     assert int((wanted > 0).sum()) > 20 and int((wanted[inside] == 0).sum()) > 20
     for backend in ("cpu", "reference"):
         found = own_weights(view_of(CROWD, camera, np.eye(4), settings(backend)), pixels)

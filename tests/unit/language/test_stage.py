@@ -12,6 +12,7 @@ from egosplat.errors import UserError
 from egosplat.language import dominant, joint, stage
 from egosplat.language.decoder import Decoder, read_scene_decoder
 from egosplat.language.method import Coded, Method
+from egosplat.language.views import CodeViews
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.stages import code_of
 from egosplat.splats import stage as splats_stage
@@ -62,20 +63,13 @@ def test_artifact_holds_the_expected_facts_and_inputs(trained):
 @pytest.mark.parametrize("language", ["after", "joint"])
 def test_codes_are_lifted_with_the_poses_that_training_refined(trained, monkeypatch, language):
     """Protects the poses behind codes, and corrections in joint training."""
-    used = {}
-
-    def watched(lift):
-        def lifting(views, *others):
-            used["views"] = views
-            return lift(views, *others)
-
-        return lifting
-
+    used: list[CodeViews] = []
+    watched = lambda lift: lambda views, *others: used.append(views) or lift(views, *others)
     monkeypatch.setattr(dominant, "METHOD", Method(watched(dominant.lift_instances)))
     monkeypatch.setattr(joint, "lift", watched(joint.lift))
     folder = trained(refine_poses="on", compensate_exposure="on", language=language)
     run(folder)
-    views, splats = used["views"], verify(folder / "splats.zarr", SCHEMAS)
+    views, splats = used[-1], verify(folder / "splats.zarr", SCHEMAS)
     refined = splats.read("corrections/camera_to_world")
     np.testing.assert_array_equal(views.camera_to_world, refined[views.frame])
     assert np.linalg.norm(splats.read("corrections/shift")[views.frame], axis=1).min() > 0.0

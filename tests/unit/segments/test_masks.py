@@ -35,9 +35,11 @@ def test_overlaps_are_exact_where_models_multiply_in_bfloat16():
     assert kept.tolist() == [False, True]
 
 
-def test_boxes_are_those_of_the_pixels():
+def test_boxes_are_those_of_the_pixels_and_rank_by_score():
     found = boxes(squares((3, 5, 10, 7), (0, 0, 40, 40), (2, 2, 2, 2)))
     assert found.tolist() == [[3, 5, 10, 7], [0, 0, 40, 40], [0, 0, 0, 0]]
+    masks = squares((0, 0, 20, 20), (1, 0, 20, 20), (30, 30, 40, 40))
+    assert box_nms(masks, torch.tensor([0.5, 0.9, 0.1]), 0.7).tolist() == [1, 2]
 
 
 def test_stability_is_the_iou_of_two_cuts():
@@ -68,19 +70,13 @@ def test_nested_overlapping_and_bad_masks_are_dropped(corners, scores, inner, ke
     assert mask_nms(squares(*corners), torch.tensor(scores), limits).tolist() == kept
 
 
-def test_box_nms_ranks_by_score():
-    masks = squares((0, 0, 20, 20), (1, 0, 20, 20), (30, 30, 40, 40))
-    assert box_nms(masks, torch.tensor([0.5, 0.9, 0.1]), 0.7).tolist() == [1, 2]
-
-
 @pytest.mark.parametrize("count", [0, 1])
 def test_nms_keeps_no_mask_and_one_mask(count):
     masks, scores = squares(*[(0, 0, 5, 5)] * count), torch.full((count,), 0.9)
     assert mask_nms(masks, scores, LIMITS).tolist() == [True] * count
     assert len(box_nms(masks, scores, 0.7)) == count
-    assert mask_iou(masks, masks).shape == (count, count) and stability_score(masks.float(), 0.5).shape == (
-        count,
-    )
+    assert mask_iou(masks, masks).shape == (count, count)
+    assert stability_score(masks.float(), 0.5).shape == (count,)
 
 
 def test_mask_nms_matches_the_pairwise_definition():
@@ -88,9 +84,7 @@ def test_mask_nms_matches_the_pairwise_definition():
     for _ in range(20):
         corners = torch.randint(0, 30, (12, 2), generator=generator)
         sizes = torch.randint(2, 30, (12, 2), generator=generator)
-        masks = squares(
-            *[(x, y, x + w, y + h) for (x, y), (w, h) in zip(corners.tolist(), sizes.tolist(), strict=True)]
-        )
+        masks = squares(*torch.cat([corners, corners + sizes], dim=1).tolist())
         scores = torch.rand(12, generator=generator) * 0.5 + 0.5
         kept = mask_nms(masks, scores, LIMITS)
         for j in range(12):

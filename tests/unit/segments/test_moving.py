@@ -61,7 +61,6 @@ NOT_FINITE[0, :20] = np.nan
         (probability(1, 2, 4), VALID),
         (NOT_FINITE, np.arange(HEIGHT)[:, None] < np.full(WIDTH, 20)),
     ],
-    ids=["nothing", "only where nothing is prompted", "no probability, or no scene"],
 )
 def test_what_does_not_move_is_not_tracked_and_no_frame_is_encoded(sam2, images, moves, shown):
     asked: list[int] = []

@@ -19,13 +19,16 @@ def no_holes_are_filled(sam2, monkeypatch):
 @pytest.fixture(scope="module")
 def video():
     rng = np.random.default_rng(0)
-    ground = rng.integers(0, 90, (256, 256, 3), dtype=np.uint8)
-    frames = []
-    for number in range(FRAMES):
-        frame = ground.copy()
+    frames = np.repeat(rng.integers(0, 90, (1, 256, 256, 3), dtype=np.uint8), FRAMES, axis=0)
+    for number, frame in enumerate(frames):
         frame[60:120, 40 + 8 * number : 100 + 8 * number] = (230, 40, 40)
-        frames.append(frame)
     return frames
+
+
+@pytest.fixture(scope="module")
+def encoded(sam2, video):
+    with sam2.compute.inference():
+        return [encode(sam2, frame) for frame in video]
 
 
 def logits() -> torch.Tensor:
@@ -55,9 +58,8 @@ def test_propagation_equals_sam2s_predictor(sam2, video, tmp_path):
             torch.testing.assert_close(found, truth, rtol=1e-3, atol=1e-3)
 
 
-def test_backward_propagation_equals_forward_on_the_reversed_video(sam2, video):
+def test_backward_propagation_equals_forward_on_the_reversed_video(sam2, encoded):
     with sam2.compute.inference():
-        encoded = [encode(sam2, frame) for frame in video]
         forwards = Propagator(sam2, encoded[::-1].__getitem__, FRAMES)
         backwards = Propagator(sam2, encoded.__getitem__, FRAMES)
         ahead = forwards.begin(0, [0, 1], logits())
@@ -68,11 +70,10 @@ def test_backward_propagation_equals_forward_on_the_reversed_video(sam2, video):
             torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-4)
 
 
-def test_memory_does_not_grow(sam2, video):
+def test_memory_does_not_grow(sam2, encoded):
     model = sam2.video_predictor
     with sam2.compute.inference():
-        encoded = encode(sam2, video[0])
-        propagator = Propagator(sam2, lambda _: encoded, 20)
+        propagator = Propagator(sam2, lambda _: encoded[0], 20)
         group = propagator.begin(0, [0, 1], logits())
         for frame in range(1, 13):
             propagator.step(frame, group, reverse=False)
@@ -81,7 +82,7 @@ def test_memory_does_not_grow(sam2, video):
 
 
 @pytest.fixture
-def steps(sam2, video, monkeypatch):
+def steps(sam2, encoded, monkeypatch):
     """``steps(visible, last, **changes)``: what is searched in frames 1 to ``last``, what is seen, and whether tracking ended.
 
     Two objects are tracked, of which ``visible(object, frame)`` says whether they can be found.
@@ -99,8 +100,7 @@ def steps(sam2, video, monkeypatch):
 
         monkeypatch.setattr(Propagator, "_track", track)
         with sam2.compute.inference():
-            encoded = encode(sam2, video[0])
-            propagator = Propagator(sam2, lambda _: encoded, 20, **changes)
+            propagator = Propagator(sam2, lambda _: encoded[0], 20, **changes)
             group = propagator.begin(0, [0, 1], logits())
             for frame in range(1, last + 1):
                 found = propagator.step(frame, group, reverse=False)
@@ -129,9 +129,8 @@ def test_lost_objects_end_when_the_memory_does(steps, sam2, ends, frames):
     assert [*searched] == frames and any(seen[11]) != ends and ended == ends
 
 
-def test_absent_objects_do_not_change_the_tracked_ones(sam2, video):
+def test_absent_objects_do_not_change_the_tracked_ones(sam2, encoded):
     with sam2.compute.inference():
-        encoded = [encode(sam2, frame) for frame in video]
         propagator = Propagator(sam2, encoded.__getitem__, FRAMES, lost_track_stride=10)
         both, alone = (propagator.begin(0, [0, 1][:count], logits()[:count]) for count in (2, 1))
         # The second object counts as lost: the first must be propagated as if alone.

@@ -81,13 +81,10 @@ def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, m
             group.restart()
 
 
-def test_the_number_of_tracked_instances_is_limited(sam2, images):
+def test_the_number_of_tracked_instances_is_limited_and_may_be_none(sam2, images, monkeypatch):
     for most in (1, 3):
         found, _ = tracked(sam2, images, options=OPTIONS.change(max_instances=most))
         assert max(np.bincount([one.level for one in found.instances])) <= most
-
-
-def test_no_masks_give_no_instance(sam2, images, monkeypatch):
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(1.0, 0.0, 0.1, 0.0))
     segmented, _ = tracked(sam2, images)
     assert segmented.instances == [] and segmented.same == []

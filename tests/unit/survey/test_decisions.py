@@ -40,9 +40,7 @@ def test_little_motion_is_not_masked(lasting, least, share, static, masking):
 
 
 @pytest.mark.parametrize(
-    "unknown",
-    [motion(pairs=0), motion(pairs=1), motion(voting=0.01), motion(noise=np.nan)],
-    ids=["no pair", "one pair", "few pixels", "nothing judged"],
+    "unknown", [motion(pairs=0), motion(pairs=1), motion(voting=0.01), motion(noise=np.nan)]
 )
 def test_what_cannot_be_told_counts_as_moving(unknown):
     found = decide_motion(unknown, 1.0)
@@ -72,11 +70,16 @@ def test_poses_are_refined_where_a_correction_explains_more_than_the_noise(befor
     assert found["pose_residual_px"] == pytest.approx(np.sqrt(before**2 - 0.01), abs=1e-6)
 
 
-@pytest.mark.parametrize("revisits, refines", [(3, True), (1, False)])
-def test_revisits_show_a_drift_that_consecutive_frames_hide(revisits, refines):
-    found = motion(revisits=revisits)
+@pytest.mark.parametrize(
+    ("revisits", "stops", "refines", "compensates"),
+    [(3, 0.0, True, False), (1, 0.0, False, False), (1, 0.03, False, False), (1, 0.2, False, True)],
+)
+def test_revisits_show_a_drift_and_a_third_of_a_stop_is_compensated(revisits, stops, refines, compensates):
+    """Consecutive frames hide the drift."""
+    found = motion(revisits=revisits, stops=stops)
     found.before_px[-revisits:] = 0.4
-    assert decide_camera(found)["refine_poses"] is refines
+    decided = decide_camera(found)
+    assert (decided["refine_poses"], decided["compensate_exposure"]) == (refines, compensates)
 
 
 def test_nothing_measured_asks_for_no_correction():
@@ -84,8 +87,3 @@ def test_nothing_measured_asks_for_no_correction():
     assert not found["refine_poses"] and not found["compensate_exposure"]
     assert {found[name] for name in ("pose_residual_px", "pose_noise_px", "brightness_stops")} == {None}
     assert finite(None) is None and finite(np.nan) is None and finite(np.float64(0.1234567)) == 0.123457
-
-
-@pytest.mark.parametrize("stops, compensated", [(0.03, False), (0.2, True)])
-def test_exposure_is_compensated_above_a_third_of_a_stop(stops, compensated):
-    assert decide_camera(motion(stops=stops))["compensate_exposure"] is compensated

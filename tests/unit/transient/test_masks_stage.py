@@ -83,41 +83,29 @@ def test_inputs_of_other_frames_are_rejected(scene, width, inputs):
         run(folder)
 
 
-@pytest.fixture
-def residuals(scene):
-    """Write transient.zarr of a square that the network calls transient and of which a share stands out; the folder."""
-
-    def write(rows: int, **changes: np.ndarray) -> Path:
-        folder = scene()
-        square = labels_of(folder) == 0
-        arrays = {
-            "stands_out": square & (np.cumsum(square, axis=1) <= rows),
-            "residual_scale": np.full(FRAME_COUNT, 0.01, np.float32),
-            "compared": np.ones((SIZE, SIZE), bool),
-        }
-        return predict(folder, np.where(square, 0.9, 0.0), **arrays | changes)
-
-    return write
-
-
-def test_an_instance_that_looks_static_is_not_masked(residuals):
-    assert run(residuals(8), stands_out=0.5).read("instances/transient")[0]
-    masks = run(residuals(1), stands_out=0.5)
-    assert not masks.read("refined").any() and 0 < masks.read("instances/stands_out")[0] < 0.5
-    assert run(residuals(1), stands_out=0.0).read("instances/transient")[0]
-
-
 @pytest.mark.parametrize(
-    "changes",
+    ("rows", "stands_out", "changes", "masked"),
     [
-        {"residual_scale": np.full(FRAME_COUNT, np.nan, np.float32)},
-        {"compared": np.zeros((SIZE, SIZE), bool)},
+        (8, 0.5, {}, True),
+        (1, 0.5, {}, False),
+        (1, 0.0, {}, True),
+        # What was not measured decides nothing, as with an absolute penalty.
+        (0, 1.0, {"residual_scale": np.full(FRAME_COUNT, np.nan, np.float32)}, True),
+        (0, 1.0, {"compared": np.zeros((SIZE, SIZE), bool)}, True),
     ],
-    ids=["frames", "pixels"],
 )
-def test_what_was_not_measured_decides_nothing(residuals, changes):
-    """An absolute penalty measures no residual: the network's probability decides alone."""
-    assert run(residuals(0, **changes), stands_out=1.0).read("instances/transient")[0]
+def test_an_instance_that_looks_static_is_not_masked(scene, rows, stands_out, changes, masked):
+    """A square that the network calls transient, and of which a share stands out."""
+    folder = scene()
+    square = labels_of(folder) == 0
+    arrays = {
+        "stands_out": square & (np.cumsum(square, axis=1) <= rows),
+        "residual_scale": np.full(FRAME_COUNT, 0.01, np.float32),
+        "compared": np.ones((SIZE, SIZE), bool),
+    }
+    masks = run(predict(folder, np.where(square, 0.9, 0.0), **arrays | changes), stands_out=stands_out)
+    assert masks.read("instances/transient")[0] == masks.read("refined").any() == masked
+    assert masked or 0 < masks.read("instances/stands_out")[0] < 0.5
 
 
 def test_a_pixel_that_the_network_calls_static_is_not_masked(scene):
@@ -141,7 +129,6 @@ def test_masks_that_are_merged_in_3d_are_not_masked(scene):
 @pytest.mark.parametrize(
     ("probability", "max_share", "reason"),
     [(0.51, 0.5, "probability"), (0.49, 0.5, "instances"), (0.49, 1.0, None)],
-    ids=["network", "instances", "neither"],
 )
 def test_nothing_is_masked_where_half_is_transient(scene, probability, max_share, reason):
     """A network that failed masks nothing instead of half of the scene, and the artifact says why."""

@@ -90,9 +90,7 @@ def test_a_region_of_fewer_than_three_frames_is_not_masked(scene, frames):
 
 
 @pytest.mark.parametrize(
-    ("side", "standing", "expected"),
-    [(10, 0.9, True), (10, 0.5, False), (3, 1.0, False)],
-    ids=["moving", "as the Gaussians show it", "small"],
+    ("side", "standing", "expected"), [(10, 0.9, True), (10, 0.5, False), (3, 1.0, False)]
 )
 def test_a_region_is_large_and_stands_out(scene, side, standing, expected):
     sure = np.stack([square(8, 8, side)] * FRAME_COUNT)
@@ -100,11 +98,7 @@ def test_a_region_is_large_and_stands_out(scene, side, standing, expected):
     assert masked(scene, sure, NO_INSTANCE, stands_out=stands_out).read("refined").any() == expected
 
 
-@pytest.mark.parametrize(
-    ("masks", "standing", "expected"),
-    [(3, 0.7, False), (2, 0.7, True), (3, 0.9, True)],
-    ids=["merged of three masks", "merged of two", "although it hardly looks like the Gaussians"],
-)
+@pytest.mark.parametrize(("masks", "standing", "expected"), [(3, 0.7, False), (2, 0.7, True), (3, 0.9, True)])
 def test_an_instance_that_holds_in_3d_explains_a_region(scene, masks, standing, expected):
     """The wall covers all of every picture; the network is sure of a part of it."""
     wall = np.ones((FRAME_COUNT, SIZE, SIZE), bool)
