@@ -52,7 +52,7 @@ def test_an_outlier_view_is_left_out(run, feature, mad_norm):
     assert features.facts["outliers"] >= 1 and features.facts["instances_without_views"] == 1
 
 
-def test_supervision_is_the_average_and_of_unit_norm(run, feature):
+def test_supervision_is_the_average_of_unit_norm_the_view_or_the_consistent_feature(run, feature):
     features = run(mismatched_views="average")
     consistent, supervision = features.read("consistent"), features.read("supervision")
     np.testing.assert_allclose(np.linalg.norm(supervision, axis=1), 1.0, rtol=1e-6)
@@ -60,6 +60,9 @@ def test_supervision_is_the_average_and_of_unit_norm(run, feature):
     np.testing.assert_allclose(supervision[6], consistent[0], atol=1e-6)  # an outlier
     kept_half = run(mismatched_views="average", outlier_target="average").read("supervision")
     np.testing.assert_allclose(kept_half[6], unit(feature[6] + consistent[0]), atol=1e-6)
+    np.testing.assert_allclose(run(supervision="view").read("supervision"), feature, atol=1e-6)
+    alone = run(supervision="consistent").read("supervision")
+    np.testing.assert_allclose(alone, consistent[INSTANCE], atol=1e-6)
 
 
 def test_a_mismatched_view_keeps_its_own_feature(run, feature):
@@ -84,13 +87,6 @@ def test_the_paper_s_reference_value(run):
     assert features.read("supervision")[4].tolist() == [5.75, 1.0]
 
 
-def test_supervision_may_be_the_view_or_the_consistent_feature(run, feature):
-    np.testing.assert_allclose(run(supervision="view").read("supervision"), feature, atol=1e-6)
-    features = run(supervision="consistent")
-    consistent = features.read("consistent")[INSTANCE]
-    np.testing.assert_allclose(features.read("supervision"), consistent, atol=1e-6)
-
-
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])
 def test_codes_decode_with_what_the_artifact_holds(run, compression):
     features = run(compression=compression, dims=4)
@@ -106,6 +102,11 @@ def test_codes_decode_with_what_the_artifact_holds(run, compression):
     assert set(told["by_level"]) == {"part", "whole"}
     assert cosines[0].mean() > (0.99 if compression == "linear" else 0.999 if compression == "none" else -1)
     assert (features.read("consistent_code")[1] == 0).all()
+    means = features.read("consistent")[[0, 2, 3]]
+    apart = (means @ means.T)[np.triu_indices(3, 1)].mean()
+    assert features.facts["spread"]["features"] == pytest.approx(apart, abs=1e-6)
+    if compression == "none":
+        assert features.facts["spread"]["decoded"] == pytest.approx(apart, abs=1e-6)
 
 
 def test_agreement_is_the_mean_cosine_of_views_with_their_instance():
@@ -114,14 +115,6 @@ def test_agreement_is_the_mean_cosine_of_views_with_their_instance():
     assert agreement(views[:2], consistent, np.array([0, 1])) == 1.0
     assert agreement(views, consistent, np.array([0, 0, 0])) == 0.0
     assert agreement(views[:0], consistent, np.zeros(0, int)) is None
-
-
-def test_spread_is_told_before_and_after_compression(run):
-    features = run(compression="none")
-    seen = features.read("consistent")[[0, 2, 3]]
-    expected = (seen @ seen.T)[np.triu_indices(3, 1)].mean()
-    assert features.facts["spread"]["features"] == pytest.approx(expected, abs=1e-6)
-    assert features.facts["spread"]["decoded"] == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])

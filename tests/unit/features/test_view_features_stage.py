@@ -30,8 +30,11 @@ def run(clip_keys, monkeypatch):
     return call
 
 
-def test_artifact_holds_the_expected_facts_and_inputs(scene, run, clip_keys):
-    views = run(scene())
+def test_artifact_holds_the_expected_facts_and_open_clip_s_own_features(scene, run, clip_keys):
+    from open_clip.transform import PreprocessCfg, image_transform_v2
+
+    folder = scene()
+    views = run(folder)
     assert views.origin == "synthetic" and {*views.provenance["inputs"]} == {"frames.zarr", "instances.zarr"}
     assert views.read("instance").tolist() == [0] * 4 + [1] * 4 + [2, 3]
     assert views.read("frame").tolist() == [0, 1, 2, 3, 0, 1, 2, 3, 2, 3]
@@ -42,13 +45,6 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene, run, clip_keys):
     clip = views.facts["clip"]
     assert views.provenance["models"] == {"clip_checkpoint": model_hash(CLIP, clip_keys)}
     assert clip["model"] == clip_keys["clip_model"] and len(clip["hash"]) == 16 and not clip["small"]
-
-
-def test_features_are_open_clip_s_own(scene, run, clip_keys):
-    from open_clip.transform import PreprocessCfg, image_transform_v2
-
-    folder = scene()
-    found = run(folder).read("feature")
     clip = load_open_clip(*clip_keys.values())
     looks = {"mean": (0.5, 0.4, 0.3), "interpolation": "bilinear", "resize_mode": "squash"}
     prepare = image_transform_v2(PreprocessCfg(size=(32, 32), **looks), False)
@@ -57,7 +53,7 @@ def test_features_are_open_clip_s_own(scene, run, clip_keys):
     square[2:9] = rgb[2:9, 6:17]
     with clip.compute.inference():
         expected = clip.model.encode_image(prepare(Image.fromarray(square))[None], normalize=True)[0].numpy()
-    np.testing.assert_allclose(found[2], expected, atol=1e-6)
+    np.testing.assert_allclose(views.read("feature")[2], expected, atol=1e-6)
 
 
 def test_batches_run_across_frames_and_change_nothing(scene, run):

@@ -1,5 +1,7 @@
 """Stage instances merges the masks of a small scene, renders them, resumes, and reports user errors."""
 
+from unittest.mock import Mock
+
 import cv2
 import numpy as np
 import pytest
@@ -144,11 +146,7 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch):
     folder = scene()
     whole = run(folder)
     monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
-
-    def killed(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(stage, "find_scene", killed)
+    monkeypatch.setattr(stage, "find_scene", Mock(side_effect=KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         run(folder, "killed.zarr")
     assert Checkpoint(folder / "killed.zarr", "", 0.0).file.exists()

@@ -26,15 +26,10 @@ def test_pixels_have_the_code_of_their_instance(prepared, labels):
     assert float(found.codes[0][:, ~found.known[0]].abs().max()) == 0.0
 
 
-def test_a_view_too_small_to_be_encoded_has_the_consistent_code(prepared):
-    found = prepared(rows=[(0, 0)])[1].of(0)
-    assert bool(found.known[1].all())
-
-
-def test_without_aggregation_there_is_no_consistent_code(prepared, labels):
-    found = prepared(target="view", rows=[(0, 0)])[1].of(0)
-    assert torch.equal(found.known[1], torch.from_numpy(labels[0, 1] == 0))
-    assert not found.known[0].any()
+def test_only_with_aggregation_a_view_too_small_to_be_encoded_has_the_consistent_code(prepared, labels):
+    assert bool(prepared(rows=[(0, 0)])[1].of(0).known[1].all())
+    alone = prepared(target="view", rows=[(0, 0)])[1].of(0)
+    assert torch.equal(alone.known[1], torch.from_numpy(labels[0, 1] == 0)) and not alone.known[0].any()
 
 
 def test_a_level_without_instances_is_no_target(prepared, labels):

@@ -13,7 +13,6 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import TILE_SCALES, TILES
 from egosplat.errors import UserError
 from egosplat.gaussians.initialization import from_points
-from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Masking
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.method import Coded, Method
@@ -96,7 +95,7 @@ def scene(tmp_path_factory, squares, camera_to_world, unrefined):
     views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), squares, RENDERING)
     put_tiles(folder, camera_to_world)
     tiles = TileViews([open_artifact(folder / "tiles.zarr", TILES)], frames, CPU)
-    return Scene(squares, views, targets, tiles)
+    return Scene(views, targets, tiles)
 
 
 def put_tiles(folder, camera_to_world: np.ndarray) -> None:
@@ -119,7 +118,6 @@ def put_tiles(folder, camera_to_world: np.ndarray) -> None:
 class Scene:
     """What methods take."""
 
-    gaussians: Gaussians
     views: CodeViews
     targets: CodeTargets
     tiles: TileViews
@@ -136,7 +134,7 @@ class Scene:
         decoder = coded.decoder or Decoder((8,), np.zeros(0, np.float32))
         camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.decoded)
         texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
-        known = QueryScene(self.gaussians, RENDERING, camera, 0, *codes, coded.levels)
+        known = QueryScene(self.views.gaussians, RENDERING, camera, 0, *codes, coded.levels)
         return list(Asker(known, texts, LANGSPLAT).ask(texts.phrases, camera, pose, None))
 
 
@@ -186,7 +184,7 @@ def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
     longer = {"iterations": 200, "lr": 0.06} if method == "granular" else {}
     coded = scene.coded(method, checkpoint, **longer)
     pose = camera_to_world[HELD_OUT]
-    found = render_codes(scene.gaussians, coded.code, coded.share, CAMERA, pose, RENDERING)
+    found = render_codes(scene.views.gaussians, coded.code, coded.share, CAMERA, pose, RENDERING)
     square = square_of(pose, 0.15)
     for level, name in enumerate(coded.levels):
         codes = found.codes[level]
@@ -201,7 +199,7 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
     def run(name: str):
         return scene.coded(method, Checkpoint(tmp_path / f"{name}.zarr", "key", 0.0), iterations=20)
 
-    before = {name: values.clone() for name, values in scene.gaussians.parameters().items()}
+    before = {name: values.clone() for name, values in scene.views.gaussians.parameters().items()}
     whole = run("whole")
     iterate = loop._Training.iterate
 
@@ -217,7 +215,7 @@ def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, m
     assert torch.equal(whole.code, rest.code) and whole.curve == rest.curve
     assert np.array_equal(whole.decoder.values, rest.decoder.values)
     assert whole.decoder.widths == rest.decoder.widths
-    for name, values in scene.gaussians.parameters().items():
+    for name, values in scene.views.gaussians.parameters().items():
         assert torch.equal(values, before[name]) and values.grad is None, "the geometry learns nothing"
 
 

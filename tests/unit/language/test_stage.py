@@ -149,9 +149,6 @@ def test_joint_codes_of_other_features_are_rejected(scene, trained):
 def test_masks_are_those_of_the_splats_and_must_be_there(trained):
     with pytest.raises(UserError, match="--masks"):
         run(trained(masking="refined"), masks=False)
-
-
-def test_the_transient_network_alone_can_mask(trained):
     assert "transient.zarr" in run(trained(masking="initial")).provenance["inputs"]
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from egosplat.segments import classical
 from egosplat.segments.classical import find_origins, open_tracks, propagate, segment_video
-from egosplat.segments.options import LEVELS
 from egosplat.segments.video import Video
 
 SIDE = 128
@@ -106,15 +105,15 @@ def test_odd_and_tiny_pictures_are_segmented_and_tracked(shape):
     image = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
     levels = segment(image)
     assert levels.shape == (3, *shape) and levels.min() == 0
-    found = track([np.full_like(image, 90)] * 3, "whole")
+    found = track([np.full_like(image, 90)] * 3)
     assert all((labels == 2).all() for labels in found), "after a subpart and a part"
 
 
-def track(images, level, shown=None):
-    """The labels of one level in each frame, as numbers of instances."""
+def track(images, shown=None):
+    """The labels of the whole things in each frame, as numbers of instances."""
     shown = [np.ones(images[0].shape[:2], bool)] * len(images) if shown is None else shown
     found = segment_video(Video(len(images), images.__getitem__, shown.__getitem__))
-    return [found.labels[frame][LEVELS.index(level)] for frame in range(len(images))]
+    return [found.labels[frame][2] for frame in range(len(images))]
 
 
 def texture(seed: int, low: int, high: int, side: int) -> np.ndarray:
@@ -139,7 +138,7 @@ def frame(column: int | None) -> tuple[np.ndarray, np.ndarray]:
 
 def test_new_objects_get_new_tracks_and_lost_ones_end():
     images = [frame(column)[0] for column in (None, 40, None)]
-    before, during, after = track(images, "whole")
+    before, during, after = track(images)
     mask = frame(40)[1]
     (new,) = set(np.unique(during[mask & (cv2.erode(mask.astype(np.uint8), np.ones((9, 9))) > 0)]))
     assert new not in before
@@ -172,7 +171,7 @@ def test_a_box_keeps_its_track_and_pixels_that_a_frame_leaves_out_have_no_label(
     """The box moves, and is hidden in the third frame, and everything in the fourth."""
     images, masks = zip(*(frame(column) for column in (20, 25, 30, 35, 40)), strict=True)
     shown = [VALID, VALID, ~masks[2], ~VALID, VALID]
-    found = track(images, "whole", shown)
+    found = track(images, shown)
     for labels, inside in zip(found, shown, strict=True):
         assert labels.dtype == np.int32 and labels.shape == VALID.shape
         assert (labels[~inside] == -1).all() and (labels >= 0).any() == inside.any()

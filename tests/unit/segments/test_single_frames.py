@@ -80,11 +80,7 @@ def labels_of(sam2, shown, **keys) -> np.ndarray:
 def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypatch):
     """Crops are prompted at the model's own side, and it has that side again afterwards."""
     sides = []
-
-    def recorded(sam2, image):
-        sides.append(sam2.video_predictor.image_size)
-        return encode(sam2, image)
-
+    recorded = lambda sam2, image: sides.append(sam2.video_predictor.image_size) or encode(sam2, image)
     monkeypatch.setattr(single_frames, "encode", recorded)
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.7, 0.1, 0.2))
     found = labels_of(sam2, np.ones((96, 128), bool), points_per_side=2)
@@ -98,11 +94,7 @@ def test_pixels_that_do_not_show_the_scene_are_not_prompted(sam2, monkeypatch, c
     shown = np.zeros((96, 128), bool)
     shown[:, :columns] = True
     points = []
-
-    def recorded(sam2, encoded, given, *about):
-        points.append(given)
-        return prompt(sam2, encoded, given, *about)
-
+    recorded = lambda sam2, encoded, given, *more: points.append(given) or prompt(sam2, encoded, given, *more)
     monkeypatch.setattr(single_frames, "prompt", recorded)
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
     found = labels_of(sam2, shown, points_per_side=4)

@@ -6,18 +6,12 @@ import pytest
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import SEGMENTS
 from egosplat.errors import UserError
-from egosplat.pipeline.config import defaults, stage_values
 from egosplat.segments import stage
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.video import LabelMaps, Segmented, Track
 from tests.support.scenes import put
 
 COUNT, SIDE = 6, 64
-
-
-@pytest.fixture(scope="module")
-def keys():
-    return stage_values("segments", defaults())
 
 
 @pytest.fixture
@@ -32,9 +26,9 @@ def frames(tmp_path):
     return put(tmp_path, "frames", {"rgb": rgb, "valid": valid}, {"upright": True})
 
 
-def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
+def test_classical_segments_of_moving_squares(frames, tmp_path):
     output = tmp_path / "segments.zarr"
-    stage.run(frames, output, options=SegmentsOptions(**keys | {"segmenter": "classical"}))
+    stage.run(frames, output, options=SegmentsOptions(segmenter="classical"))
     segments = open_artifact(output, SEGMENTS)
     labels, levels = segments.read("labels"), segments.read("instances/level")
     assert labels.shape == (COUNT, 3, SIDE, SIDE) and segments.origin == "synthetic"
@@ -52,7 +46,7 @@ def test_classical_segments_of_moving_squares(frames, tmp_path, keys):
 
 
 @pytest.fixture
-def segmented(frames, tmp_path, keys, monkeypatch):
+def segmented(frames, tmp_path, monkeypatch):
     """``segmented(labels, instances, ...)``: the artifact where the classical segmenter finds these labels of each frame."""
 
     def make(labels, instances, same=(), prompted=(), survey=None, min_frames=3, seen=None):
@@ -65,7 +59,7 @@ def segmented(frames, tmp_path, keys, monkeypatch):
             return Segmented(maps, instances, list(same), list(prompted))
 
         monkeypatch.setattr(stage, "segment_video", found)
-        options = SegmentsOptions(**keys | {"segmenter": "classical", "min_frames": min_frames})
+        options = SegmentsOptions(segmenter="classical", min_frames=min_frames)
         stage.run(frames, tmp_path / "segments.zarr", survey_path=survey, options=options)
         return open_artifact(tmp_path / "segments.zarr", SEGMENTS)
 
@@ -115,7 +109,7 @@ def test_no_instances_are_an_error_and_write_nothing(segmented, tmp_path):
     assert not (tmp_path / "segments.zarr").exists()
 
 
-def test_a_missing_checkpoint_is_reported_before_anything_is_read(frames, tmp_path, keys):
-    options = SegmentsOptions(**keys | {"sam2_checkpoint": str(tmp_path / "none.pt")})
+def test_a_missing_checkpoint_is_reported_before_anything_is_read(frames, tmp_path):
+    options = SegmentsOptions(sam2_checkpoint=str(tmp_path / "none.pt"))
     with pytest.raises(UserError, match="sam2_checkpoint"):
         stage.run(frames, tmp_path / "segments.zarr", options=options)

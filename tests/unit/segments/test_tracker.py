@@ -108,11 +108,9 @@ def test_pixels_that_a_frame_leaves_out_are_neither_prompted_nor_labeled(sam2, i
     shown = np.ones((FRAMES, HEIGHT, WIDTH), bool)
     shown[0], shown[2, :, 28:], shown[3, :20] = False, False, False
     asked = []
-
-    def recorded(sam2, encoded, points, options):
-        asked.append(points)
-        return prompt(sam2, encoded, points, options)
-
+    recorded = lambda sam2, encoded, points, *more: (
+        asked.append(points) or prompt(sam2, encoded, points, *more)
+    )
     monkeypatch.setattr(tracking, "prompt", recorded)
     found, _ = tracked(sam2, images, shown=shown)
     assert found.prompted == [2] and float(asked[0][:, 0].max()) < 0.5

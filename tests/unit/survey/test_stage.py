@@ -60,17 +60,8 @@ def test_a_scene_without_points_keeps_all_its_frames(scene, trajectory, still):
     assert survey["motion"]["static"]
 
 
-def test_poses_of_other_frames_are_rejected(scene, trajectory, still):
-    folder = scene(trajectory, still)
-    (folder / "poses.zarr").rename(folder / "other.zarr")
-    scene(trajectory[:4], still[:4])
-    with pytest.raises(UserError, match="was made from another frames.zarr"):
-        stage.run(folder / "frames.zarr", folder / "other.zarr", folder / "survey.json", OPTIONS)
-    assert not (folder / "survey.json").exists()
-
-
 def test_later_stages_skip_redundant_training_views(scene, trajectory, still, moving):
-    """Each camera step is 4.6 degrees at 1 m, and less at the wall. A survey of other frames is rejected."""
+    """Each camera step is 4.6 degrees at 1 m, and less at the wall. Surveys and poses of other frames are rejected."""
     folder = scene(trajectory, still)
     assert surveyed(folder, min_view_change_deg=0.0)["views"]["left_out"] == []
     frames, path = open_artifact(folder / "frames.zarr", FRAMES), folder / "survey.json"
@@ -81,7 +72,11 @@ def test_later_stages_skip_redundant_training_views(scene, trajectory, still, mo
     assert np.flatnonzero(kept).tolist() == views["kept"] and recorded == {"kept_frames": views["digest"]}
     kept, recorded = kept_frames(frames, None)
     assert kept.all() and recorded == {}
-    scene(trajectory, moving)
+    (folder / "poses.zarr").rename(folder / "other.zarr")
+    scene(trajectory[:4], moving[:4])
+    with pytest.raises(UserError, match="was made from another frames.zarr"):
+        stage.run(folder / "frames.zarr", folder / "other.zarr", folder / "new.json", OPTIONS)
+    assert not (folder / "new.json").exists()
     with pytest.raises(UserError, match=r"survey\.json: was made from another frames.zarr than"):
         kept_frames(open_artifact(folder / "frames.zarr", FRAMES), path)
 
@@ -96,13 +91,13 @@ def test_later_stages_skip_redundant_training_views(scene, trajectory, still, mo
         ({"motion": {}}, "motion = "),
     ],
 )
-def test_a_damaged_survey_is_named(scene, trajectory, still, content, message):
-    folder = scene(trajectory[:2], still[:2])
-    path = folder / "survey.json"
-    document = dict(surveyed(folder))
-    path.unlink()
-    if content is not None:
-        path.write_text(content if isinstance(content, str) else json.dumps(document | content))
+def test_a_damaged_survey_is_named(scene, trajectory, still, survey_that_keeps, content, message):
+    path = survey_that_keeps(scene(trajectory[:2], still[:2]), [0, 1])
+    if content is None:
+        path.unlink()
+    else:
+        changed = content if isinstance(content, str) else json.dumps(read_survey(path) | content)
+        path.write_text(changed)
     with pytest.raises(UserError, match=message):
         read_survey(path)
 

@@ -23,9 +23,9 @@ def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, 
     return verify(folder / name, SCHEMAS)
 
 
-def test_artifact_holds_the_expected_facts_and_inputs(scene):
-    registered = np.arange(6) != 5
-    transient = run(scene(registered=registered))
+def test_artifact_holds_the_expected_facts_and_inputs_and_the_network(scene):
+    folder = scene(registered=np.arange(6) != 5)
+    transient = run(folder, batch_norm="eval")
     assert transient.origin == "synthetic"
     assert set(transient.provenance["inputs"]) == {"frames.zarr", "poses.zarr"}
     assert transient.facts["views"] == 4 and transient.facts["working_size"] == [32, 32]
@@ -35,6 +35,13 @@ def test_artifact_holds_the_expected_facts_and_inputs(scene):
     assert transient.facts["mean_probability"] == pytest.approx(probability.astype(float).mean(), abs=1e-3)
     # The frame without a pose too.
     assert probability[5].std() > 0
+    net, values = make_network(64, False, None, 9).eval(), torch.from_numpy(transient.read("weights"))
+    sizes = [int(np.prod(shape)) for _, shape in transient.facts["tensors"]]
+    parts = zip(transient.facts["tensors"], values.split(sizes), strict=True)
+    missing = net.load_state_dict({name: part.view(shape) for (name, shape), part in parts}, strict=False)
+    assert all(name.endswith("num_batches_tracked") for name in missing.missing_keys)
+    picture = torch.from_numpy(verify(folder / "frames.zarr", SCHEMAS).row("rgb", 2)).float() / 255
+    assert net(picture, 32, 32).detach().numpy() == pytest.approx(probability[2], abs=1e-3)
 
 
 def test_frames_left_out_by_the_survey_are_predicted_but_not_trained_on(scene, pictures, survey_that_keeps):
@@ -50,18 +57,6 @@ def test_frames_left_out_by_the_survey_are_predicted_but_not_trained_on(scene, p
     again = run(other, "other.zarr", survey=survey)
     assert np.array_equal(again.read("weights"), transient.read("weights"))
     assert not np.array_equal(run(other, "all.zarr").read("weights"), transient.read("weights"))
-
-
-def test_the_network_is_restored_from_its_artifact(scene):
-    folder = scene()
-    transient = run(folder, batch_norm="eval", resolution=32)
-    net, values = make_network(64, False, None, 9).eval(), torch.from_numpy(transient.read("weights"))
-    sizes = [int(np.prod(shape)) for _, shape in transient.facts["tensors"]]
-    parts = zip(transient.facts["tensors"], values.split(sizes), strict=True)
-    missing = net.load_state_dict({name: part.view(shape) for (name, shape), part in parts}, strict=False)
-    assert all(name.endswith("num_batches_tracked") for name in missing.missing_keys)
-    picture = torch.from_numpy(verify(folder / "frames.zarr", SCHEMAS).row("rgb", 2)).float() / 255
-    assert net(picture, 32, 32).detach().numpy() == pytest.approx(transient.row("probability", 2), abs=1e-3)
 
 
 def test_poses_and_exposure_are_corrected_here_too(scene):
@@ -93,11 +88,7 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
 
 def test_it_trains_on_one_thread_so_that_it_repeats(scene, monkeypatch):
     train, threads = stage.resume_and_train, []
-
-    def noted(*arguments):
-        threads.append(torch.get_num_threads())
-        train(*arguments)
-
+    noted = lambda *arguments: threads.append(torch.get_num_threads()) or train(*arguments)
     monkeypatch.setattr(stage, "resume_and_train", noted)
     torch.set_num_threads(2)
     run(scene(), iterations=1)
