@@ -97,7 +97,7 @@ def test_the_instance_with_most_views_and_those_unlike_it_that_are_often_seen():
     # One thing at several levels is shown once.
     assert choose([9, 9, 9, 9], {}, [0, 0, 1, 1], [2, 1, 2, 0]) == [0, 2]
     # Those with most outliers come last and not twice.
-    outliers = {7: 3, 8: 2, 9: 1, 0: 1}
+    outliers = {0: 4, 7: 3, 8: 2, 9: 1}
     chosen = choose([9] * 7 + [3] * 3, outliers, [0, 1, 2, 3, 4, 5, 6, 0, 0, 0], [1] * 7 + [1, 0, 0])
     assert len(chosen) == DISTINCT + MOST_OUTLIERS == len(set(chosen)) and chosen[-2:] == [7, 8]
 
