@@ -50,7 +50,6 @@ def _anchors(page: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_links_open(page):
-    """No link of a page leads to a file or heading that is not there."""
     broken = [
         f"{path.name}#{heading}"
         for path, heading in _links(page)
@@ -120,7 +119,6 @@ def test_an_index_links_every_page_of_its_folder(index):
 
 
 def test_the_architecture_lists_the_stages_of_the_pipeline():
-    """The table of stages has one row for each that makes an artifact, in the order of the code."""
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| [^|]* \| `(\w+)[./]", text, re.MULTILINE)
     of_others = {"tiles", "prompts"}
@@ -137,7 +135,6 @@ def test_the_readme_is_read_in_a_minute():
 
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_the_conventions_have_every_array(name):
-    """docs/conventions.md names axes, dtype and unit of each array as its schema declares them."""
     text = (ROOT / "docs" / "conventions.md").read_text(encoding="utf-8")
     part = text.partition(f"### {name}.zarr\n")[2].partition("\n### ")[0]
     lines = re.findall(r"^- (`.*?`) (\(.*?\), .*?): ", part, re.MULTILINE)
@@ -149,7 +146,6 @@ def test_the_conventions_have_every_array(name):
 
 
 def test_the_citation_names_this_version_and_the_paper():
-    """CITATION.cff is of the version that is installed, and cites the paper by the README's title."""
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
     assert citation["version"] == egosplat.__version__
@@ -158,7 +154,6 @@ def test_the_citation_names_this_version_and_the_paper():
 
 
 def test_ci_and_the_catalog_use_what_is_there():
-    """The public CI calls targets of the Makefile; the catalog finds the sections that it needs."""
     ci = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8"))
     commands = [step.get("run", "") for step in ci["jobs"]["test"]["steps"]]
     targets = [command.removeprefix("make ") for command in commands if "make " in command]

@@ -54,7 +54,6 @@ def arrows_up(package: Path, rows: list[tuple[str, ...]]) -> list[str]:
 
 
 def test_the_table_names_every_room():
-    """A new room has a row in docs/architecture.md; a room that is gone has none."""
     named = [room for row in layers((ROOT / "docs/architecture.md").read_text()) for room in row]
     files = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__"}
     folders = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}

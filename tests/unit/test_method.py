@@ -21,7 +21,6 @@ def prose() -> str:
 
 
 def test_the_page_names_functions_that_exist():
-    """A function that is renamed or moved is renamed in docs/method.md too."""
     named = re.findall(r"\[`(\w+)`\]\(\.\./(src/[\w/]+\.py)\)", prose())
     assert len(named) > 60
     for name, path in named:
@@ -38,7 +37,6 @@ def values(preset: str) -> dict[str, Any]:
 
 
 def test_the_page_names_arrays_that_exist():
-    """An array that is renamed is renamed in docs/method.md too."""
     text = prose()
     arrays = set(re.findall(r"`(\w+)\.zarr/([\w/]+)`", text))
     entries = set(re.findall(r"`(\w+)\.json/(\w+)`", text))
@@ -81,7 +79,6 @@ def agrees(written: Any, value: Any) -> bool:
 
 
 def test_the_page_gives_the_values_that_presets_have():
-    """Both columns of the readings are what the default preset and ``preset: paper`` resolve to."""
     default, paper = values("balanced"), values("paper")
     wrong, checked = [], 0
     for usual, printed in readings():

@@ -152,7 +152,6 @@ def test_no_stage_replaces_a_pipe_or_a_device(tmp_path, write):
 
 @pytest.mark.parametrize("target", [*NO_FILE, "a file"])
 def test_a_new_folder_replaces_nothing(tmp_path, target):
-    """Neither a link, also to nowhere, nor a pipe, nor an empty folder."""
     place = tmp_path / "place"
     NO_FILE.get(target, Path.touch)(place)
     with pytest.raises(UserError, match="is there already"):

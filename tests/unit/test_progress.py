@@ -20,7 +20,6 @@ from egosplat.progress import track
     [([1, 2, 3], "counting: 3/3 frames"), ([], "counting: 0/0"), ((n for n in "ab"), "counting: 2 frames")],
 )
 def test_items_pass_through_and_a_log_gets_a_last_line(capsys, items, line):
-    """Also without a number of items."""
     passed = list(track(items, "counting"))
     assert passed == (items if isinstance(items, list) else ["a", "b"])
     assert line in capsys.readouterr().err

@@ -153,7 +153,6 @@ def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
 
 
 def test_an_artifact_may_lack_an_optional_array_and_no_other(tmp_path):
-    """Protects artifacts of a stage that has nothing to say about an optional array, and their check for damage."""
     numbers, path = Field("int64 n", "-", "numbers"), tmp_path / "tiny.zarr"
     schema = Schema("tiny", 1, {"a": numbers, "b": replace(numbers, optional=True)})
     with create(path, schema, made()) as artifact:

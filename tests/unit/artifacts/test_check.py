@@ -42,7 +42,6 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 @pytest.mark.parametrize("damage", DAMAGE)
 @pytest.mark.parametrize("name", DOCUMENTS)
 def test_a_json_file_that_egosplat_did_not_write_is_not_sound(surveyed, name, damage):
-    """A scene whose metrics.json is a picture was called sound."""
     path = surveyed / name
     path.unlink(missing_ok=True)
     DAMAGE[damage](path)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-import egosplat.artifacts.checkpoint as checkpoint_module
+from egosplat.artifacts import checkpoint as module
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.provenance import begin, key_of
 
@@ -48,13 +48,13 @@ def test_a_checkpoint_is_one_hidden_file_and_can_be_removed(tmp_path):
 @pytest.mark.parametrize("write_s, saves", [(1.0, 9), (6.0, 5), (60.0, 1)])
 def test_a_slow_write_is_repeated_less_often(tmp_path, monkeypatch, write_s, saves):
     clock, written = [0.0], []
-    monkeypatch.setattr(checkpoint_module.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
 
     def write(file, key, saved) -> None:
         written.append(saved)
         clock[0] += write_s
 
-    monkeypatch.setattr(checkpoint_module, "write_state", write)
+    monkeypatch.setattr(module, "write_state", write)
     checkpoint = Checkpoint(tmp_path / "splats.zarr", "key")
     while clock[0] < 600.0:
         clock[0] += 1.0
@@ -74,15 +74,11 @@ def test_a_full_disk_does_not_end_training(tmp_path, capsys, monkeypatch):
     assert float(checkpoint.load()["tensor"][0, 0]) == 1.0  # the last whole one
 
 
-def test_a_checkpoint_of_another_run_is_ignored(tmp_path, capsys):
-    saved(tmp_path)
+@pytest.mark.parametrize("position, length", [(0, None), (40, None), (-1, None), (0, 0), (0, 10), (0, 200)])
+def test_a_flipped_bit_a_lost_end_and_another_run_are_detected(tmp_path, capsys, position, length):
+    checkpoint = saved(tmp_path)
     assert Checkpoint(tmp_path / "splats.zarr", "other", NOW).load() is None
     assert "other options, inputs or code" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("position, length", [(0, None), (40, None), (-1, None), (0, 0), (0, 10), (0, 200)])
-def test_a_flipped_bit_and_a_lost_end_are_detected(tmp_path, capsys, position, length):
-    checkpoint = saved(tmp_path)
     content = bytearray(checkpoint.file.read_bytes())
     content[position] ^= length is None
     checkpoint.file.write_bytes(content[:length])

@@ -47,7 +47,6 @@ def test_a_source_with_another_digest_is_rejected(tmp_path, frames):
 
 
 def test_a_source_that_provenance_does_not_record_is_compared_by_size(tmp_path, frames):
-    """Without a recorded digest, as for a renamed file, axes must still have one size."""
     check_made_from(made(tmp_path / "three.zarr", 3, {}), frames, axes=("frame",))
     poses = made(tmp_path / "poses.zarr", 2, {})
     check_made_from(poses, frames)
@@ -56,7 +55,6 @@ def test_a_source_that_provenance_does_not_record_is_compared_by_size(tmp_path, 
 
 
 def test_every_source_is_checked(tmp_path, frames):
-    """A wrong source after a right one is found. A JSON result has no sizes to compare: a missing digest is refused."""
     other = source(tmp_path / "masks.zarr", 5)
     poses = made(tmp_path / "poses.zarr", 3, {"frames.zarr": frames.digest, "masks.zarr": "0"})
     with pytest.raises(UserError, match="another masks.zarr"):

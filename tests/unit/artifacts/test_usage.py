@@ -31,7 +31,6 @@ def test_time_of_threads_and_children_counts():
 
 
 def test_memory_grows_by_what_is_held():
-    """The peak is that of the process itself, in MiB."""
     code = (
         "from egosplat.artifacts import provenance; before = provenance.peak_memory_mb(); held = b'x' * (100 * 2**20);"
         "print(provenance.peak_memory_mb() - before)"

@@ -50,7 +50,6 @@ def egosplat(*words: str) -> str:
 
 
 def test_the_small_models_are_there(folder, server):
-    """Without a choice nothing is missing, nothing is fetched."""
     listed = egosplat()
     assert listed.count("bundled with egosplat") == 2 and "Nothing is missing." in listed
     assert "transient.encoder_weights" not in listed
@@ -119,7 +118,6 @@ def test_a_file_with_another_digest_is_not_kept(folder, server):
 def test_what_goes_wrong_is_told_with_the_address_and_the_place(
     folder, server, monkeypatch, status, headers, environment, told
 ):
-    """Answers of the hub, a proxy and the environment."""
     import huggingface_hub
 
     server.status, server.headers = status, headers

@@ -102,7 +102,6 @@ def test_sam2_segments_and_tracks(cache, tmp_path, architecture, monkeypatch):
 
 
 def test_open_clip_encodes_views(cache, tmp_path, monkeypatch):
-    """The whole stage view_features with the paper's model, in both precisions."""
     saved(cache, "ViT-B-16")
     monkeypatch.setattr(view_features_stage, "load_open_clip", with_two_blocks)
     rgb = np.random.default_rng(0).integers(0, 256, (2, 48, 48, 3), np.uint8)
@@ -124,7 +123,6 @@ def test_open_clip_encodes_views(cache, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("architecture", sorted(WIDTHS))
 def test_every_open_clip_loads_and_encodes(cache, architecture):
-    """One picture and one phrase in both precisions; loaded once, and from half precision, to save time."""
     with torch.device("meta"):
         shapes = build_model(architecture, read_description(architecture, None)["model_cfg"]).state_dict()
     weights = {name: torch.full(one.shape, 0.01, dtype=torch.float16) for name, one in shapes.items()}

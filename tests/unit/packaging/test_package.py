@@ -108,7 +108,6 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator
 
 
 def test_the_wheel_holds_the_package_and_the_workflow(wheel):
-    """Nothing is forgotten, and no file of somebody's checkout is added."""
     names = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
     package = {name.removeprefix("src/") for name in tracked("src")}
     copied = {name for name in tracked("workflow", "config") if not name.endswith(".md")}

@@ -59,26 +59,22 @@ def test_a_value_without_a_record_is_refused():
 
 
 @pytest.mark.parametrize(
-    "format, keys, names, expected",
+    "stage, format, keys, names, expected",
     [
-        ("adt", {}, (), "device"),
-        ("adt", {"poses": {"method": "colmap"}}, (), "colmap"),
-        ("hoi4d", {}, (), "colmap"),
-        ("plain", {}, (), "colmap"),
-        ("plain", {}, ("transforms.json",), "known"),
-        ("plain", {"frames": {"known_poses": "none"}}, ("transforms.json",), "colmap"),
-        ("adt", {}, ("transforms.json",), "device"),
+        ("poses", "adt", {}, (), "device"),
+        ("poses", "adt", {"poses": {"method": "colmap"}}, (), "colmap"),
+        ("poses", "hoi4d", {}, (), "colmap"),
+        ("poses", "plain", {}, (), "colmap"),
+        ("poses", "plain", {}, ("transforms.json",), "known"),
+        ("poses", "plain", {"frames": {"known_poses": "none"}}, ("transforms.json",), "colmap"),
+        ("poses", "adt", {}, ("transforms.json",), "device"),
+        ("language", "adt", {"language": {"method": "trained"}}, (), "trained"),
+        ("language", "adt", {"splats": {"language": "joint"}}, (), "joint"),
+        ("splats", "adt", {}, (), None),
     ],
 )
-def test_poses_are_of_the_device_a_file_or_colmap(tmp_path, format, keys, names, expected):
+def test_a_scene_chooses_by_its_recording_and_its_keys(tmp_path, stage, format, keys, names, expected):
     for name in names:
         (tmp_path / name).touch()
     scene = SimpleNamespace(format=format, recording=tmp_path)
-    assert chosen_value("poses", scene, merge(defaults(), keys)) == expected
-
-
-def test_joint_training_chooses_its_own_module():
-    config = merge(defaults(), {"language": {"method": "trained"}})
-    assert chosen_value("language", None, config) == "trained"
-    assert chosen_value("language", None, merge(config, {"splats": {"language": "joint"}})) == "joint"
-    assert chosen_value("splats", None, config) is None
+    assert chosen_value(stage, scene, merge(defaults(), keys)) == expected

@@ -194,7 +194,6 @@ def test_sources_are_split_into_the_tokens_of_cpp(text, tokens):
 
 
 def test_names_and_scripts_of_sources_count_and_other_files_do_not(tmp_path):
-    """A folder of C++ has the same hash with scripts and without."""
     (tmp_path / "kernels.cpp").write_text(SOURCE)
     first = cpp_hash(tmp_path)
     (tmp_path / "notes.txt").write_text("why")

@@ -34,7 +34,6 @@ def test_every_key_has_a_description_and_a_default():
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(stage):
-    """No drift between the table of stages and the function of a stage."""
     about, named = STAGES[stage], inspect.signature(import_module(STAGES[stage].module).run).parameters
     chunks = {"chunk": None, "gather": ()} if about.by_chunks else {}
     assert chunks == {name: named[name].default for name in ("chunk", "gather") if name in named}
@@ -142,7 +141,6 @@ def test_a_text_is_read_as_the_key_wants_it(section, key, text, value):
 
 
 def test_the_reference_page_is_that_of_the_schema():
-    """config/reference.md does not drift from the schema."""
     page = (ROOT / "config" / "reference.md").read_text(encoding="utf-8")
     assert page == keys_page() + "\n", "write it again: egosplat keys > config/reference.md"
 
@@ -214,5 +212,4 @@ def test_a_format_has_keys_of_its_own_between_the_preset_and_the_row(tmp_path):
 
 
 def test_each_artifact_of_the_table_of_stages_has_a_schema():
-    """The table of stages and the registry of artifacts name the same artifacts, in the same order."""
     assert [*SCHEMAS] == [name for name, stage in STAGES.items() if stage.output.endswith(".zarr")]

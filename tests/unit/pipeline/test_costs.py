@@ -28,11 +28,8 @@ def test_memory_and_time_grow_with_the_pixels_and_the_attempt(frames):
     assert costs.request("masks", CONFIG, [frames], 1)["runtime"] == sum(time)
 
 
-def test_a_chunk_has_its_own_frames_alone(frames):
+def test_a_chunk_has_its_own_frames_and_a_recording_to_come_counts_as_it_is_filmed_or_read(frames):
     assert costs.gigapixels("segments", CONFIG, [frames], chunk=True) == 0.5
-
-
-def test_a_recording_to_come_counts_as_it_is_filmed_or_read():
     film = CONFIG["synthetic"]
     filmed = film["seconds"] * film["fps"] * film["size"] ** 2 / 1e9
     assert costs.gigapixels("synthetic", CONFIG, []) == filmed

@@ -120,7 +120,6 @@ def test_exactly_the_stages_with_a_key_of_the_set_change():
 
 
 def test_published_checkpoints_are_files_of_the_cache(tmp_path):
-    """The checkpoint follows the architecture, in every spelling of its name."""
     keys = {"set": "published", "cache": "/data/models"}
     found = scene_config(scene(tmp_path, models=keys), None)
     assert found["models"]["sam2_checkpoint"] == "/data/models/sam2.1_hiera_base_plus.pt"
@@ -136,7 +135,6 @@ def test_published_checkpoints_are_files_of_the_cache(tmp_path):
 
 
 def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
-    """docs/models.md does not drift from schema and catalogue."""
     lines = (PRESETS.parents[1] / "docs/models.md").read_text().splitlines()
     for section, name in FOLLOW:
         (row,) = [line for line in lines if line.startswith("| `") and f"`{section}.{name}`" in line]
@@ -169,7 +167,6 @@ def test_the_catalogue_is_consistent(monkeypatch):
 
 
 def test_sam2_s_own_list_has_the_same_files():
-    """The package names repository and file of each of its models."""
     from sam2.build_sam import HF_MODEL_ID_TO_FILENAMES
 
     for one in CATALOGUE:

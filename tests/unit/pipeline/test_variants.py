@@ -92,7 +92,6 @@ SCENE = Scene("adt", "scene1", "adt", Path("results/adt/scene1/recording"), True
 
 
 def test_an_artifact_is_in_the_folder_of_the_variant_only_where_a_key_reaches_it():
-    """Protects the paths of rules: a variant shares artifacts of its scene."""
     assert artifact_path("features", SCENE, None) == "results/adt/scene1/features.zarr"
     assert artifact_path("features", SCENE, "narrow") == "results/adt/scene1/variants/narrow/features.zarr"
     assert artifact_path("segments", SCENE, "narrow") == "results/adt/scene1/segments.zarr"
