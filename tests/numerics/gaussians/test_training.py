@@ -150,14 +150,6 @@ def test_no_finite_gaussian(scene, run, left, monkeypatch):
     assert not left(folder)
 
 
-def faster(monkeypatch, factor: int) -> None:
-    """Multiply the learning rate of the positions."""
-    usual = stage.training_options
-    monkeypatch.setattr(
-        stage, "training_options", lambda options: replace(usual(options), position_lr=1.6e-4 * factor)
-    )
-
-
 @pytest.mark.numerics(
     "learning rates of positions x100 and x1e4, and all x100",
     outside="trains, or UserError says why",

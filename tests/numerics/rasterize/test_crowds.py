@@ -89,8 +89,9 @@ def test_gaussians_at_equal_depths_keep_their_order(gaussian, compare, measured)
 @pytest.mark.numerics("no Gaussians", outside="only the background")
 def test_no_gaussians_render_nothing(gaussian, compare):
     values = {name: value if name in ("viewmats", "Ks") else value[:0] for name, value in gaussian().items()}
-    found = compare(values, backgrounds=None).found
-    assert not found.image.any() and found.gradients["means"].shape == (0, 3)
+    found = compare(values | {"backgrounds": torch.tensor([[0.2, 0.5, 0.9]])}).found
+    assert (found.image == torch.tensor([0.2, 0.5, 0.9, 0.0])).all()
+    assert found.gradients["means"].shape == (0, 3)
 
 
 @pytest.mark.numerics(
@@ -140,14 +141,7 @@ def _windows(values: dict[str, torch.Tensor]) -> list[tuple[torch.Tensor, dict[s
         means2d = p.means2d - p.means2d.new_tensor(corner)
         rest = p.conics, p.opacities, values["colors"], p.depths, p.radii, WINDOW, WINDOW
         image, _ = composite(means2d, *rest)
-        meta = {
-            "means2d": means2d[None].detach(),
-            "conics": p.conics[None].detach(),
-            "opacities": p.opacities[None].detach(),
-            "depths": p.depths[None].detach(),
-            "radii": p.radii[None],
-            "width": WINDOW,
-            "height": WINDOW,
-        }
-        results.append((image, meta))
+        names = ("conics", "opacities", "depths", "radii")
+        meta = {name: getattr(p, name)[None].detach() for name in names} | {"means2d": means2d[None].detach()}
+        results.append((image, meta | {"width": WINDOW, "height": WINDOW}))
     return results

@@ -17,24 +17,24 @@ def decades(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(low, high).map(lambda exponent: 10.0**exponent)
 
 
-@pytest.mark.numerics(
+IMAGE = pytest.mark.numerics(
     "image: three scales of 1e-8 to 1e4 m each, any rotation, classic",
     within=3e-6,
     outside="drawn up to 1e18 m",
 )
-@given(scales=st.tuples(*[decades(-8, 4)] * 3), turn=TURNS)
-def test_image_of_any_scales(gaussian, compare, measured, scales, turn):
-    measured(compare(gaussian(scales=[scales], quats=[turn])).image_error)
-
-
-@pytest.mark.numerics(
+DIMMED = pytest.mark.numerics(
     "image: the same, antialiased",
     within=1e-5,
     outside="dimmed below alpha 1/255: culled",
 )
+
+
+@pytest.mark.parametrize(
+    "mode", [pytest.param("classic", marks=IMAGE), pytest.param("antialiased", marks=DIMMED)]
+)
 @given(scales=st.tuples(*[decades(-8, 4)] * 3), turn=TURNS)
-def test_image_of_any_scales_antialiased(gaussian, compare, measured, scales, turn):
-    measured(compare(gaussian(scales=[scales], quats=[turn]), rasterize_mode="antialiased").image_error)
+def test_image_of_any_scales(gaussian, compare, measured, mode, scales, turn):
+    measured(compare(gaussian(scales=[scales], quats=[turn]), rasterize_mode=mode).image_error)
 
 
 @pytest.mark.numerics(

@@ -33,9 +33,22 @@ def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
     return densify(xyz, rgb, CAMERA, poses, shown, valid, near_plane=0.1)
 
 
-def test_no_points_are_added_where_every_cell_has_one():
-    xyz, rgb = wall(3.0, left_half=False)
-    every, colors = cover(xyz, rgb)
+VALID = ALL.copy()
+VALID[:, 48:] = False
+
+
+@pytest.mark.parametrize(
+    ("xyz", "valid"),
+    [
+        (wall(3.0, left_half=False)[0], ALL),
+        (wall(3.0, left_half=True)[0], VALID),
+        *((np.array(behind).reshape(-1, 3), ALL) for behind in ([], [0, 0, -2.0], [0, 0, 0.05])),
+    ],
+    ids=["points everywhere", "elsewhere no valid pixel", "no point", "behind", "before the near plane"],
+)
+def test_nothing_is_added(xyz, valid):
+    rgb = np.full(xyz.shape, 9, np.uint8)
+    every, colors = cover(xyz, rgb, valid=valid)
     np.testing.assert_array_equal(every, xyz)
     np.testing.assert_array_equal(colors, rgb)
 
@@ -49,6 +62,10 @@ def test_empty_cells_get_a_point_at_the_neighboring_depth_in_the_image_s_color()
     pixels = CAMERA.project(new)
     assert (pixels[:, 0] >= 48).all()
     np.testing.assert_allclose(shown[:, :2], pixels, atol=1.0)
+    # The points of one photograph count for the next.
+    assert len(cover(xyz, rgb, np.stack([POSE, POSE]), pictures=np.concatenate([picture()] * 2))[0]) == len(
+        every
+    )
 
 
 def test_the_nearest_cell_s_median_decides():
@@ -56,13 +73,6 @@ def test_the_nearest_cell_s_median_decides():
     nearer = np.concatenate([xyz, xyz * 2, xyz * 2.5])
     every, _ = cover(nearer, np.concatenate([rgb] * 3))
     np.testing.assert_allclose(every[len(nearer) :, 2], 6.0)
-
-
-def test_the_points_of_one_photograph_count_for_the_next():
-    xyz, rgb = wall(3.0, left_half=True)
-    once, _ = cover(xyz, rgb)
-    twice, _ = cover(xyz, rgb, np.stack([POSE, POSE]), pictures=np.concatenate([picture()] * 2))
-    assert len(twice) == len(once)
 
 
 def test_points_are_in_the_world_s_frame():
@@ -73,17 +83,3 @@ def test_points_are_in_the_world_s_frame():
     here, _ = cover(xyz, rgb)
     there, _ = cover(transform(pose, xyz), rgb, pose[None])
     np.testing.assert_allclose(transform(invert(pose), there), here, atol=1e-12)
-
-
-def test_invalid_pixels_get_no_point():
-    valid = ALL.copy()
-    valid[:, 48:] = False
-    xyz, rgb = wall(3.0, left_half=True)
-    assert len(cover(xyz, rgb, valid=valid)[0]) == len(xyz)
-
-
-@pytest.mark.parametrize(
-    "behind", [np.empty((0, 3)), np.array([[0.0, 0.0, -2.0]]), np.array([[0.0, 0.0, 0.05]])]
-)
-def test_a_photograph_without_points_gets_none(behind):
-    assert len(cover(behind, np.zeros((len(behind), 3), np.uint8))[0]) == len(behind)

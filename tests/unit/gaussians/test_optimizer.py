@@ -27,12 +27,6 @@ def make(n: int, channels: int = 2) -> Gaussians:
     return Gaussians(*(torch.randn(shape, generator=generator) for shape in shapes)).requires_grad_()
 
 
-def copy(gaussians: Gaussians) -> Gaussians:
-    return Gaussians(
-        **{name: p.detach().clone() for name, p in gaussians.parameters().items()}
-    ).requires_grad_()
-
-
 def set_gradients(gaussians: Gaussians, seed: int, scale: float = 1.0) -> None:
     generator = torch.Generator().manual_seed(seed)
     for parameter in gaussians.parameters().values():
@@ -60,6 +54,8 @@ def test_steps_equal_torchs_adam(scale: float) -> None:
         for name, leaf in leaves.items():
             parts = {"dc": gaussians.sh.grad[:, :1], "rest": gaussians.sh.grad[:, 1:]}
             leaf.grad = parts[name].clone() if name in parts else getattr(gaussians, name).grad.clone()
+        if step == 10:
+            optimizer.means_lr = reference.param_groups[0]["lr"] = 0.25
         reference.step()
         optimizer.step(None)
     for name, leaf in leaves.items():
@@ -68,17 +64,6 @@ def test_steps_equal_torchs_adam(scale: float) -> None:
         )
         torch.testing.assert_close(mine, leaf, rtol=1e-5, atol=1e-5 * 0.05)
     assert optimizer.step_count == 20
-
-
-def test_means_follow_the_rate_that_is_set() -> None:
-    gaussians = make(2)
-    before = gaussians.means.detach().clone()
-    optimizer = Adam(gaussians, RATES)
-    optimizer.means_lr = 0.25
-    set_gradients(gaussians, 0)
-    optimizer.step(None)
-    # The first step of Adam is as long as the learning rate.
-    torch.testing.assert_close((gaussians.means - before).abs(), torch.full((2, 3), 0.25))
 
 
 @pytest.mark.parametrize("share", [0.1, 0.9])
@@ -102,7 +87,7 @@ def test_invisible_rows_advance_only_the_step(share: float) -> None:
 @pytest.mark.parametrize("gathered", [False, True])
 def test_a_broken_gradient_leaves_its_row_alone(value: float, name: str, gathered: bool) -> None:
     gaussians, visible = make(10), torch.arange(10) < (4 if gathered else 10)
-    sound = copy(gaussians)
+    sound = make(10)
     optimizer, reference = Adam(gaussians, RATES), Adam(sound, RATES)
     for step, broken in enumerate([False, True, False]):
         for each in (gaussians, sound):
@@ -113,7 +98,7 @@ def test_a_broken_gradient_leaves_its_row_alone(value: float, name: str, gathere
             getattr(gaussians, name).grad[2].flatten()[-1] = value
             if getattr(gaussians, name).ndim == 1:
                 getattr(gaussians, name).grad[2] = value
-            at_break = copy(gaussians), optimizer.state_dict()
+            at_break = gaussians.detach().select(torch.arange(10)), optimizer.state_dict()
         optimizer.step(visible)
         reference.step(visible)
         if broken:

@@ -18,6 +18,8 @@ def densifications(schedule: Schedule) -> list[int]:
 def test_stock_milestones_are_those_of_3dgs() -> None:
     assert densifications(STOCK) == list(range(600, 15_000, 100))
     assert resets(STOCK) == [3_000, 6_000, 9_000, 12_000]
+    assert resets(replace(STOCK, reset_at_start=True)) == [500, 3_000, 6_000, 9_000, 12_000]
+    assert not Schedule(reset_at_start=True, densify_from=0).resets_opacity(0)
     assert [STOCK.prunes_large(i) for i in (2_900, 3_000, 3_100)] == [False, False, True]
 
 
@@ -34,19 +36,15 @@ def test_sh_degree_grows_up_to_the_highest() -> None:
     assert STOCK.sh_degree(30_000, 1) == 1
 
 
-def test_scaled_to_7000_keeps_fractions_but_shortens_no_interval() -> None:
-    short = scaled(STOCK, 7_000)
+def test_scaled_schedules_keep_fractions_but_no_interval_is_short_unless_the_run_is() -> None:
+    short, shortest = scaled(STOCK, 7_000), scaled(STOCK, 700)
     assert (short.densify_from, short.densify_until, short.densify_every) == (500, 3_500, 100)
     assert (short.sh_interval, short.position_lr_steps) == (1_000, 7_000)
+    assert (shortest.densify_from, shortest.densify_until, shortest.densify_every) == (140, 350, 35)
+    assert shortest.sh_interval == 100
     assert resets(short) == []
     assert not any(short.prunes_large(i) for i in range(1, 7_001))
     assert resets(scaled(STOCK, 12_000)) == [3_000]
-
-
-def test_a_very_short_run_keeps_at_least_one_interval() -> None:
-    short = scaled(STOCK, 700)
-    assert (short.densify_from, short.densify_until, short.densify_every) == (140, 350, 35)
-    assert short.sh_interval == 100
 
 
 @pytest.mark.parametrize("iterations", [1, 2, 3, 10, 31, 300, 999, 4_000, 7_000, 30_000, 100_001])
@@ -55,12 +53,6 @@ def test_density_control_ends_by_half_time_and_no_reset_comes_late(iterations: i
     assert schedule.densify_until <= max(iterations / 2, 1)
     assert all(i <= schedule.densify_until - 3_000 for i in resets(schedule))
     assert schedule.position_lr(iterations, 1.0) == pytest.approx(1.6e-6)
-
-
-def test_white_background_reset_at_the_start() -> None:
-    schedule = Schedule(reset_at_start=True)
-    assert resets(schedule) == [500, 3_000, 6_000, 9_000, 12_000]
-    assert not Schedule(reset_at_start=True, densify_from=0).resets_opacity(0)
 
 
 def test_a_cut_schedule_is_the_beginning_of_the_stock_schedule():
@@ -75,9 +67,5 @@ def test_a_cut_schedule_is_the_beginning_of_the_stock_schedule():
         assert begun.position_lr(iteration, 2.0) == STOCK.position_lr(iteration, 2.0)
     # Scaled, a run of that length has no regular reset, and so prunes nothing by its size.
     assert not resets(scaled(STOCK, 7_000))
+    assert not any(densifications(cut(STOCK, iterations)) for iterations in (1, 499, 500, 501))
     assert cut(STOCK, STOCK.iterations) == STOCK and cut(STOCK, 40_000).densify_until == STOCK.densify_until
-
-
-@pytest.mark.parametrize("iterations", [1, 499, 500, 501])
-def test_a_run_shorter_than_the_warmup_has_no_density_control(iterations):
-    assert not densifications(cut(STOCK, iterations))

@@ -1,13 +1,15 @@
-"""Frames with a pose get one role each, and views hold the chosen frames."""
+"""Frames with a pose get one role each, and views hold the chosen frames, long recordings not all at once."""
 
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 import torch
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
-from egosplat.gaussians.training_views import read_views, split_views
+from egosplat.gaussians import training_views as module
+from egosplat.gaussians.training_views import StoredRows, read_views, split_views, stored_rows
 from egosplat.geometry import Camera
 
 CPU = torch.device("cpu")
@@ -51,3 +53,22 @@ def test_the_weight_is_the_lens_circle(scene):
     weight = read_views(*opened(scene(valid=valid)), mask(9, 0), CPU).valid
     assert weight.dtype == torch.float32
     np.testing.assert_array_equal(weight.numpy(), valid)
+
+
+@pytest.mark.parametrize("kept", [0, 2, 5])
+def test_rows_are_equal_whether_they_are_held_or_read(monkeypatch, kept):
+    """Only rows beyond the limit are read again."""
+    array = np.random.default_rng(0).integers(256, size=(5, 4, 3), dtype=np.uint8)
+    monkeypatch.setattr(module, "IN_MEMORY", kept * 12)
+    asked: list[int] = []
+
+    def read(position: int) -> np.ndarray:
+        asked.append(position)
+        return array[position]
+
+    rows = stored_rows(5, (4, 3), "uint8", read)
+    assert asked == list(range(kept)) and isinstance(rows, StoredRows) == (kept < 5)
+    assert tuple(rows.shape) == array.shape
+    for position in range(5):
+        assert torch.equal(rows[position], torch.from_numpy(array[position]))
+    assert asked == [*range(kept), *range(kept, 5)]

@@ -109,14 +109,6 @@ def test_training_starts_from_so_many_copies():
     torch.testing.assert_close(many.scales.square().sum(0), few.scales.square().sum(0), rtol=1e-3, atol=0)
 
 
-def test_memory_is_measured_with_every_key_of_the_preset_that_matters():
-    """Sizes are the preset's; only what costs time alone is less."""
-    keys = paper_memory.keys_of("splats")
-    assert (keys["max_gaussians"], keys["sh_degree"], keys["language"]) == (5_000_000, 3, "joint")
-    assert paper_memory.keys_of("segments")["max_instances"] == 512
-    assert paper_memory.keys_of("frames")["resolution"] == 1408
-
-
 def test_the_tables_of_the_main_job_have_every_stage(finished, monkeypatch):
     """Costs and scores are those of metrics.json."""
     (name, changed), *_ = main_job.RUNS.items()

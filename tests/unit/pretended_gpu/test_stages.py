@@ -101,30 +101,23 @@ def test_splats(scene, gpu, monkeypatch, changes, limit):
     assert np.isfinite(result.read("means")).all() and result.read("curve/loss")[-1] > 0
 
 
-def test_the_result_on_the_device_is_that_of_the_cpu(scene, gpu, monkeypatch):
-    """A pretended device that computed something else would protect nothing."""
-    folder = scene()
-    before = train(folder, "cpu.zarr")
-    assert not gpu.waits
-    on_gpu(monkeypatch, splats)
-    after = train(folder)
-    assert after.read("history/psnr")[-1] == pytest.approx(before.read("history/psnr")[-1], abs=0.5)
-
-
-def test_training_resumes_on_the_device(scene, gpu, monkeypatch, capsys):
-    """A checkpoint lies on the CPU; its tensors return to the device."""
+def test_training_resumes_on_the_device_with_the_result_of_the_cpu(scene, gpu, monkeypatch, capsys):
+    """A checkpoint lies on the CPU; a pretended device that computed something else would protect nothing."""
 
     def killed(*args: object) -> None:
         raise KeyboardInterrupt
 
     folder = scene()
+    before = train(folder, "cpu.zarr", iterations=15)
+    assert not gpu.waits
     on_gpu(monkeypatch, splats)
     with monkeypatch.context() as patch:
         patch.setattr(splats, "_put_held_out", killed)
         with pytest.raises(KeyboardInterrupt):
             train(folder, iterations=15)
     calls = counted(gpu, monkeypatch, trainer, "iterate")
-    train(folder, iterations=15)
+    after = train(folder, iterations=15)
+    assert after.read("history/psnr")[-1] == pytest.approx(before.read("history/psnr")[-1], abs=0.5)
     assert "training resumes after iteration" in capsys.readouterr().err and len(calls) < 15
 
 

@@ -3,7 +3,6 @@
 import inspect
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
 
@@ -12,7 +11,6 @@ from egosplat.rasterize import api
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.reference import rasterizer as reference
-from egosplat.rasterize.view import View, sum_over_pixels
 
 SIZE = {"width": 8, "height": 6}
 
@@ -109,56 +107,11 @@ def test_argument_fields_equal_the_parameters_of_the_function():
     assert {name: each.default for name, each in inspect.signature(Arguments).parameters.items()} == defaults
 
 
-def crowd(count: int) -> dict[str, Any]:
-    """Gaussians in front of the camera, some behind it and some beside the image; the last one is not finite."""
-    rng = np.random.default_rng(0)
-    means = rng.uniform([-2, -2, -1], [2, 2, 4], (count, 3))
-    means[-1] = np.nan
-    geometry = means, rng.normal(size=(count, 4)), rng.uniform(0.01, 0.4, (count, 3)), rng.uniform(size=count)
-    return dict(
-        zip(
-            ("means", "quats", "scales", "opacities"),
-            (torch.from_numpy(a).float() for a in geometry),
-            strict=True,
-        )
-    )
-
-
-def gradient(geometry: dict[str, Any], image: torch.Tensor, backend: str) -> torch.Tensor:
-    """The gradient of a render by its colors, where ``image`` is that of the render."""
-    height, width, channels = image.shape
-    colors = image.new_zeros(len(geometry["means"]), channels).requires_grad_()
-    cameras = {name: gaussians()[name] for name in ("viewmats", "Ks")}
-    render, _, _ = api.rasterization(
-        **geometry, colors=colors, **cameras, width=width, height=height, backend=backend
-    )
-    return torch.autograd.grad(render, colors, image[None])[0]
-
-
-@pytest.mark.parametrize("channels", [1, 16, 33])
-@pytest.mark.parametrize("backend", ["cpu", "reference"])
-def test_sums_over_pixels_are_the_gradient_of_a_render_to_the_bit(channels, backend):
-    """The kernels sum without rendering; results must not depend on that."""
-    geometry = crowd(300)
-    planes = torch.randn(channels, 21, 37, generator=torch.Generator().manual_seed(1))
-    camera = {"viewmat": gaussians()["viewmats"][0], "K": gaussians()["Ks"][0]}
-    for image in (planes.permute(1, 2, 0), planes.permute(1, 2, 0).contiguous()):
-        found = sum_over_pixels(View(**geometry, **camera, width=37, height=21, backend=backend), image)
-        expected = gradient(geometry, image, backend)
-        assert found.shape == (300, channels) and torch.equal(found, expected)
-        assert found.any(dim=1).sum() > 50 and not found[-1].any()
-
-
 def test_invalid_arguments_are_reported():
     with pytest.raises(ValueError, match="backend .*'gpu'.* auto"):
         api.rasterization(**gaussians(), backend="gpu")
     with pytest.raises(ValueError, match="opacities"):
         api.rasterization(**gaussians() | {"opacities": torch.zeros(3)})
-    camera = {"viewmat": gaussians()["viewmats"][0], "K": gaussians()["Ks"][0]}
-    view = View(**crowd(2), **camera, width=8, height=6)
-    for image in (torch.ones(6, 8), torch.ones(8, 6, 1), torch.ones(6, 8, 1, dtype=torch.float64)):
-        with pytest.raises(ValueError, match="image"):
-            sum_over_pixels(view, image)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a CUDA device")

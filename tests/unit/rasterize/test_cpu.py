@@ -114,10 +114,3 @@ def test_inputs_without_gradient_get_none_and_change_nothing(frozen):
         assert all((inputs[name].grad is None) == (name not in asked) for name in inputs)
     for name in free:
         assert torch.equal(gradients[0][name], gradients[1][name])
-
-
-def test_without_gaussians_the_background_is_visible():
-    rest = ("viewmats", "Ks", "backgrounds")
-    values = {name: (value if name in rest else value[:0]).float() for name, value in scene(0).items()}
-    image, alpha, _ = cpu.rasterization(Arguments(**values, width=5, height=4, sh_degree=0))
-    assert torch.equal(image, values["backgrounds"][:, None, None].expand(1, 4, 5, 8)) and (alpha == 0).all()

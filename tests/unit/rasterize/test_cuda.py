@@ -130,14 +130,10 @@ def test_options_pass_through_and_gsplat_s_traps_are_avoided():
     assert given.items() <= call.items() and SIZE.items() <= call.items()
     assert call["packed"] is False and call["channel_chunk"] == 7
     assert call["means"] is inputs["means"], "usable Gaussians are not copied"
-
-
-@pytest.mark.parametrize(("features", "mode", "chunk"), [(29, "RGB+D", 33), (29, "RGB", 32), (60, "RGB", 33)])
-def test_all_channels_are_rendered_in_one_pass(features, mode, chunk):
-    double, inputs = GsplatDouble(), scene(False, torch.float32)
-    inputs |= {"features": torch.rand(12, features), "backgrounds": None}
-    cuda.render(double, Arguments(**inputs, **SIZE, render_mode=mode))
-    assert double.calls[0]["channel_chunk"] == chunk
+    for features, mode, chunk in ((29, "RGB+D", 33), (29, "RGB", 32), (60, "RGB", 33)):
+        wide = inputs | {"features": torch.rand(12, features), "backgrounds": None}
+        cuda.render(double, Arguments(**wide, **SIZE, render_mode=mode))
+        assert double.calls[-1]["channel_chunk"] == chunk
 
 
 @pytest.fixture
@@ -181,8 +177,10 @@ def test_an_unusable_gsplat_is_reported(installed, version, compiled, words):
     assert 'pip install "gsplat>=1.5.3,<1.6"' in str(told.value) and "nvcc" in str(told.value)
 
 
-def test_a_missing_gsplat_is_reported(monkeypatch):
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+def test_a_missing_gsplat_and_tensors_elsewhere_are_reported(installed, monkeypatch):
+    installed("1.5.3", object())
+    with pytest.raises(UserError, match="CUDA device.* cpu"):
+        cuda.rasterization(Arguments(**scene(False, torch.float32), **SIZE))
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(UserError, match="gsplat .*pip install"):
         cuda.load_gsplat()
@@ -201,12 +199,6 @@ def test_gsplat_is_compiled_by_one_process_with_few_compilers(monkeypatch, tmp_p
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
     with (tmp_path / "new" / "egosplat_gsplat.lock").open() as other:
         fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def test_tensors_on_another_device_are_rejected(installed):
-    installed("1.5.3", object())
-    with pytest.raises(UserError, match="CUDA device.* cpu"):
-        cuda.rasterization(Arguments(**scene(False, torch.float32), **SIZE))
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import stat
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -88,10 +87,10 @@ def test_a_missing_compiler_gives_one_line_and_no_error(folder, monkeypatch, com
     assert not stale.exists()
 
 
-def test_a_compiler_without_openmp_is_reported_in_one_line(folder, tmp_path, monkeypatch):
-    script = tmp_path / "cxx"
+def test_a_compiler_without_openmp_is_reported_in_one_line(folder, monkeypatch):
+    script = folder / "cxx"
     script.write_text("#!/bin/sh\necho 'fatal error: omp.h: No such file' >&2\nexit 1\n")
-    script.chmod(script.stat().st_mode | stat.S_IXUSR)
+    script.chmod(0o755)
     monkeypatch.setenv("CXX", str(script))
     (note,) = compile_kernels(folder, folder, GENERIC)
     assert "omp.h: No such file" in note and "\n" not in note

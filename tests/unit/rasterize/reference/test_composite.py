@@ -76,21 +76,23 @@ def centered(opacities: list[float], depths: list[float]) -> tuple[Tensor, Tenso
     return found[0].item(), found[1].item()
 
 
-def test_nearest_first_and_equal_depths_in_order():
-    assert centered([0.5, 0.25], [1.0, 2.0]) == pytest.approx((0.5 + 10 * 0.5 * 0.25, 1 - 0.5 * 0.75))
-    assert centered([0.5, 0.25], [2.0, 1.0]) == pytest.approx((10 * 0.25 + 0.75 * 0.5, 1 - 0.5 * 0.75))
-    assert centered([0.5, 0.25], [1.0, 1.0]) == pytest.approx((0.5 + 10 * 0.5 * 0.25, 1 - 0.5 * 0.75))
-
-
-def test_the_gaussian_that_ends_a_pixel_and_all_behind_it_are_skipped():
-    # The third would be composited (0.001 * 0.5 > 1e-4) if the second had not ended the pixel.
-    assert centered([1.0, 1.0, 0.5], [1.0, 2.0, 3.0]) == pytest.approx((0.999, 0.999), abs=1e-12)
-    assert centered([1.0, 0.5], [1.0, 3.0]) == pytest.approx((0.999 + 10 * 0.0005, 0.9995), abs=1e-12)
-
-
-def test_faint_gaussians_are_skipped():
-    assert centered([0.99 / 255, 0.5], [1.0, 2.0]) == pytest.approx((5.0, 0.5))
-    assert centered([1.01 / 255], [1.0])[1] == pytest.approx(1.01 / 255)
+@pytest.mark.parametrize(
+    ("opacities", "depths", "color", "alpha"),
+    [
+        # Nearest first, and in order at equal depths.
+        ([0.5, 0.25], [1.0, 2.0], 0.5 + 10 * 0.5 * 0.25, 1 - 0.5 * 0.75),
+        ([0.5, 0.25], [2.0, 1.0], 10 * 0.25 + 0.75 * 0.5, 1 - 0.5 * 0.75),
+        ([0.5, 0.25], [1.0, 1.0], 0.5 + 10 * 0.5 * 0.25, 1 - 0.5 * 0.75),
+        # The third would be composited (0.001 * 0.5 > 1e-4) if the second had not ended the pixel.
+        ([1.0, 1.0, 0.5], [1.0, 2.0, 3.0], 0.999, 0.999),
+        ([1.0, 0.5], [1.0, 3.0], 0.999 + 10 * 0.0005, 0.9995),
+        # Faint ones are skipped.
+        ([0.99 / 255, 0.5], [1.0, 2.0], 5.0, 0.5),
+        ([1.01 / 255], [1.0], 1.01 / 255, 1.01 / 255),
+    ],
+)
+def test_order_end_and_limit_of_compositing(opacities, depths, color, alpha):
+    assert centered(opacities, depths) == pytest.approx((color, alpha))
 
 
 @pytest.mark.parametrize(("opacity", "slope"), [(0.9985, 1.0), (0.9995, 0.0)])
