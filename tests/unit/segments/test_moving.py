@@ -24,8 +24,6 @@ from tests.unit.segments.conftest import FRAMES, HEIGHT, OPTIONS, VALID, WIDTH, 
 OPTIONS = OPTIONS.change(key_frame_stride=2, max_instances=3, lost_track_stride=2)
 TRAINING = np.array([0, 1, 3, 4])
 PROMPTED = [0, 3]
-
-
 pytestmark = pytest.mark.usefixtures("all_masks")
 
 

@@ -23,8 +23,6 @@ STEPS = {
     "both": {"x": 0.1, "z": 0.1, "yaw": 8.0},
     "not at all": {},
 }
-
-
 HERE = pose()
 EVERYWHERE = np.ones((SIZE, SIZE), bool)
 
