@@ -111,14 +111,12 @@ def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, small_world, 
     run(tmp_path / "real", options)
     same_name = replace(ideal[0], name="synthetic_apartment_seed8")
     write_sequence(same_name, tmp_path / "ideal", jpeg_quality=IDEAL.jpeg_quality)
-    name = "mps/slam/closed_loop_trajectory.csv"
-    truth, exact = (tmp_path / one / "aria_trajectory.csv" for one in ("real", "ideal"))
-    assert truth.read_bytes() == exact.read_bytes()
-    loops = [pd.read_csv(tmp_path / one / name) for one in ("real", "ideal")]
+    folders = tmp_path / "real", tmp_path / "ideal"
+    for table in ("aria_trajectory.csv", "scene_objects.csv"):
+        assert len({(folder / table).read_bytes() for folder in folders}) == 1
+    loops = [pd.read_csv(folder / "mps/slam/closed_loop_trajectory.csv") for folder in folders]
     assert loops[0]["tracking_timestamp_us"].equals(loops[1]["tracking_timestamp_us"])
     columns = [f"t{axis}_world_device" for axis in "xyz"]
     error = np.linalg.norm(loops[0][columns] - loops[1][columns], axis=1)
     assert 0.001 < np.sqrt((error**2).mean()) < 0.05
     assert "error of an estimate" in (tmp_path / "real/mps/slam/summary.json").read_text()
-    table = "scene_objects.csv"
-    assert (tmp_path / "real" / table).read_bytes() == (tmp_path / "ideal" / table).read_bytes()

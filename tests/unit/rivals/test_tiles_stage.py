@@ -46,6 +46,8 @@ def test_each_tile_is_openclip_s_feature_of_what_it_shows(scene, run, clip_keys)
     # The padding is 10 px: row 2 and column 1 begin at 10 and 0.
     assert (scale.kernel, scale.stride) == (20, 10)
     np.testing.assert_allclose(tiles.read(TILE_SCALES[6])[2, 2, 1], wanted, atol=2e-3)
+    with pytest.raises(UserError, match="no frame"):
+        run(scene(train=np.zeros(5, bool)))
 
 
 def test_tiles_beyond_the_border_are_black():
@@ -102,12 +104,6 @@ def test_jobs_of_chunks_give_the_same_artifact_with_the_standardised_components_
     stage.run(folder / "frames.zarr", folder / "tiles.zarr", options, gather=files)
     gathered = verify(folder / "tiles.zarr", SCHEMAS)
     assert gathered.digest == whole.digest and gathered.facts == whole.facts
-
-
-def test_no_frame_to_train_on_is_an_error(scene, run):
-    folder = scene(train=np.zeros(5, bool))
-    with pytest.raises(UserError, match="no frame"):
-        run(folder)
 
 
 def test_principal_components_of_a_plane():

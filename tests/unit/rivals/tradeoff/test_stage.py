@@ -48,7 +48,7 @@ def test_a_scene_without_queries_is_a_page_without_a_front(variant, tmp_path, ps
     assert "◆<" not in text and "a random pixel - %" in text
 
 
-def test_several_scenes_are_one_page_with_their_mean(variant, tmp_path):
+def test_several_scenes_are_one_page_with_the_mean_of_their_common_variants(variant, tmp_path):
     paths = [variant(None, 0.5), variant("draft", 0.4, 1.0), variant("own", 0.9, 300.0)]
     paths += [variant(None, 0.6, scene="scene2"), variant("draft", 0.7, 2.0, scene="scene2")]
     run(paths, tmp_path)
@@ -56,8 +56,5 @@ def test_several_scenes_are_one_page_with_their_mean(variant, tmp_path):
     assert "<td>own" not in means and "<td>own" in scenes
     assert "<td>55.0</td>" in means, "the mean of 50 and 60 percent"
     assert set(pd.read_csv(tmp_path / "tradeoff.csv").scene) == {"adt/scene1", "adt/scene2"}
-
-
-def test_scenes_without_a_common_variant_are_rejected(variant, tmp_path):
     with pytest.raises(UserError, match="no variant in common"):
         run([variant(None), variant("draft", scene="scene2")], tmp_path)
