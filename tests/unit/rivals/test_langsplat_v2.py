@@ -9,24 +9,18 @@ from egosplat_rivals.langsplat_v2 import WORDS, codebook, coefficients
 from egosplat_rivals.loop import fewer_iterations
 
 
-def test_only_the_four_largest_logits_get_a_gradient():
-    generator = torch.Generator().manual_seed(0)
-    logits = torch.randn(50, WORDS, generator=generator).requires_grad_()
-    words = torch.randn(WORDS, 16, generator=generator)
+def test_a_code_is_the_softmax_cut_to_four_over_its_sum_and_no_other_logit_gets_a_gradient():
+    draw = torch.Generator().manual_seed(0)
+    logits, words = (
+        torch.randn(50, WORDS, generator=draw).requires_grad_(),
+        torch.randn(WORDS, 16, generator=draw),
+    )
     code = coefficients(logits)
-    assert bool(((code > 0).sum(dim=-1) == 4).all())
-    torch.testing.assert_close(code.sum(dim=-1), torch.ones(50))
+    whole = logits.detach().softmax(dim=-1)
+    chosen = whole >= whole.topk(4, dim=-1).values[:, -1:]
+    torch.testing.assert_close(code.detach(), whole * chosen / (whole * chosen).sum(dim=-1, keepdim=True))
     (code @ words).square().sum().backward()
-    chosen = code.detach() > 0
     assert float(logits.grad[~chosen].abs().max()) < 1e-8 < float(logits.grad[chosen].abs().min())
-
-
-def test_a_code_is_the_softmax_cut_to_four_and_divided_by_its_sum():
-    logits = torch.randn(20, WORDS, generator=torch.Generator().manual_seed(1))
-    whole = logits.softmax(dim=-1)
-    least = whole.topk(4, dim=-1).values[:, -1:]
-    cut = torch.where(whole >= least, whole, 0.0)
-    torch.testing.assert_close(coefficients(logits), cut / cut.sum(dim=-1, keepdim=True))
 
 
 def test_the_codebook_holds_the_centers_of_clusters():
