@@ -112,6 +112,7 @@ def test_people_are_annotated_and_something_is_carried(opened):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
 def test_colmap_finds_the_true_trajectory(folder, truth):
     find_poses(folder, "colmap.zarr", method="colmap")
     found = open_artifact(folder / "colmap.zarr", POSES)

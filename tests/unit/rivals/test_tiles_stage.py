@@ -109,6 +109,8 @@ def test_jobs_of_chunks_give_the_same_artifact_with_the_standardised_components_
 def test_principal_components_of_a_plane():
     draw = torch.Generator().manual_seed(0)
     plane = torch.randn(500, 2, generator=draw).double() @ torch.randn(2, 6, generator=draw).double()
-    basis, kept = principal_components(plane - plane.mean(dim=0), 2)
-    assert basis.shape == (6, 2) and kept == pytest.approx(1.0)
+    centered = plane - plane.mean(dim=0)
+    basis, kept = principal_components(centered, 2)
+    torch.testing.assert_close(centered @ basis @ basis.T, centered)
+    assert kept == pytest.approx(1.0)
     assert principal_components(torch.zeros(5, 6).double(), 2)[1] == 1.0
