@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.gaussians.density_control import reset_opacities
-from egosplat.gaussians.initialization import from_points, neighbor_distance
+from egosplat.gaussians.initialization import SH_C0, from_points, neighbor_distance
 from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
 from egosplat.gaussians.model import Gaussians, rotation_matrices
 from egosplat.gaussians.optimizer import (
@@ -195,7 +195,10 @@ def test_rotation_matrices_match_float64_at_any_length(measured, exponent, seed)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -3.5e38])
 def test_starting_points_beyond_float32(value):
     keys = {"sh_degree": 0, "feature_channels": 0, "max_points": 9, "seed": 0}
-    points = np.array([[0.0, 0.0, 2.0], [0.0, value, 2.0]])
-    assert from_points(points, np.zeros((2, 3), np.uint8), **keys).count == 1
+    points = np.array([[0.0, 0.0, 1.0], [0.0, value, 2.0], [0.0, 0.0, 3.0]])
+    rgb = np.array([[0] * 3, [50] * 3, [100] * 3], np.uint8)
+    start = from_points(points, rgb, **keys)
+    assert start.means[:, 2].tolist() == [1.0, 3.0]
+    np.testing.assert_allclose(start.sh[:, 0, 0].numpy() * SH_C0 + 0.5, [0, 100 / 255], atol=1e-6)
     with pytest.raises(UserError, match="no finite point"):
-        from_points(points[1:], np.zeros((1, 3), np.uint8), **keys)
+        from_points(points[1:2], rgb[1:2], **keys)

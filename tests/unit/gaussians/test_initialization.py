@@ -39,17 +39,6 @@ def test_gaussians_from_points_have_the_stock_values() -> None:
     assert bool(gaussians.finite().all())
 
 
-def test_points_that_are_not_finite_are_dropped_with_their_colors() -> None:
-    xyz = np.arange(15.0).reshape(5, 3)
-    xyz[1, 2], xyz[3, 0] = np.nan, np.inf
-    rgb = np.repeat(np.arange(5, dtype=np.uint8)[:, None] * 50, 3, axis=1)
-    gaussians = start(xyz, rgb)
-    np.testing.assert_allclose(gaussians.means.numpy(), xyz[[0, 2, 4]])
-    np.testing.assert_allclose(
-        gaussians.sh[:, 0, 0].numpy() * SH_C0 + 0.5, [0, 100 / 255, 200 / 255], atol=1e-6
-    )
-
-
 def test_budget_keeps_a_seeded_subset() -> None:
     xyz = np.random.default_rng(0).normal(size=(100, 3))
     one, same, other = (start(xyz, max_points=20, seed=seed) for seed in (1, 1, 2))
