@@ -50,6 +50,7 @@ def test_every_limit_is_set_on_the_whole_chain(monkeypatch):
     assert set(choices()) == {"kernels", "NumPy", "OpenBLAS", "OpenCV", "PyTorch", "threads"}
 
 
+@pytest.mark.slow
 def test_stages_run_again_give_the_same(tmp_path, monkeypatch):
     """The first two stages: the chain calls them as they are called today."""
     few = {name: INPUTS[name] for name in ("synthetic", "frames")}

@@ -64,8 +64,8 @@ def same_folder(left: Path, right: Path) -> bool:
 
 
 # No page is an input of another rule, so one run makes all of them.
-ALONE = [(rule,) for rule in OUTPUTS if rule not in (*PAGES, "synthetic")]
-LONG = [("synthetic",), tuple(name for name in PAGES if name in OUTPUTS)]
+ALONE = [(rule,) for rule in OUTPUTS if rule not in (*PAGES, "synthetic", "segments")]
+LONG = [("synthetic",), ("segments",), tuple(name for name in PAGES if name in OUTPUTS)]
 ALONE += [pytest.param(rules, marks=pytest.mark.slow) for rules in LONG]
 
 

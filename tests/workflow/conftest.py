@@ -34,10 +34,16 @@ def small_disk(tmp_path: Path) -> Iterator[SmallDisk]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Start with three long files: processes of a test run take files in this order.
+    """Start with long files: processes of a test run take files in this order.
 
-    test_cluster makes the finished run that most tests of the workflow wait for. The others need none, so that they fill
-    the second core until then.
+    The first makes the finished run that most tests of the workflow wait for. The others need none, so that they fill the
+    second core until then.
     """
-    first = ("test_cluster.py", "test_published_architectures.py", "test_squares.py")
+    first = (
+        "test_cluster.py",
+        "test_rules.py",
+        "test_published_architectures.py",
+        "test_squares.py",
+        "test_apartment.py",
+    )
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))

@@ -17,6 +17,7 @@ from tests.unit.test_paper_preset import PRESETS
 WRITERS = {"lerf": write_lerf, "3d_ovs": write_3d_ovs}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", WRITERS)
 def test_from_files_to_scores(tmp_path, monkeypatch, format):
     monkeypatch.setattr(provenance, "code_of", lambda *_: "0")

@@ -19,6 +19,8 @@ from egosplat_apartments.adt_format.aria import device_from_camera
 from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Sequence
 from egosplat_apartments.stage import make_sequence
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
@@ -111,8 +113,6 @@ def test_people_are_annotated_and_something_is_carried(opened):
     assert {one["motion_type"] for one in instances} == {"static", "dynamic"}
 
 
-@pytest.mark.slow
-@pytest.mark.slow
 def test_colmap_finds_the_true_trajectory(folder, truth):
     find_poses(folder, "colmap.zarr", method="colmap")
     found = open_artifact(folder / "colmap.zarr", POSES)

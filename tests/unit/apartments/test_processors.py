@@ -47,6 +47,7 @@ def unlimited() -> str:
     return recording({})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIMITS)
 def test_a_recording_does_not_depend_on_the_instruction_set(name, unlimited):
     if name == AVX512 and "avx512f" not in cpu_features():
