@@ -15,6 +15,8 @@ from tests.support.tables import cells
 from training.small_models.crops import cut_world
 from training.small_models.worlds import HELD_OUT_SEEDS, ClipSettings, render_world
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def worlds(tmp_path_factory):

@@ -23,6 +23,8 @@ from egosplat.errors import UserError
 from egosplat.pipeline.home import title_of
 from tests.support.tables import cells
 
+pytestmark = pytest.mark.slow
+
 NAME = "adt/scene1"
 
 

@@ -29,6 +29,8 @@ from training.small_models.patches import (
 )
 from training.small_models.worlds import ClipSettings, read_world, render_world
 
+pytestmark = pytest.mark.slow
+
 SEED = 77
 
 

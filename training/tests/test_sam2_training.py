@@ -20,6 +20,8 @@ from training.small_models.sam2_recipe import Recipe, recipe_from_weights
 from training.small_models.schedule import read_state, save_state
 from training.small_models.worlds import RenderedWorld
 
+pytestmark = pytest.mark.slow
+
 RECIPE = Recipe(
     steps=4,
     seed=3,

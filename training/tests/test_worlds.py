@@ -12,6 +12,8 @@ from training.small_models import worlds
 from training.small_models.levels import find_levels
 from training.small_models.worlds import NOTHING, ClipSettings, read_world, render_world
 
+pytestmark = pytest.mark.slow
+
 SCENES = Path(__file__).resolve().parents[2] / "config/scenes.tsv"
 TINY = ClipSettings(size=64, clips=2, frames=3, step_s=0.3)
 

@@ -18,6 +18,8 @@ from tests.support.blobs import blobs
 from tests.support.pretended_gpu import DEVICE
 from tests.support.warm import run_snakemake
 
+pytestmark = pytest.mark.slow
+
 
 def test_agreement_is_measured_on_the_device(gpu, monkeypatch):
     """A benchmark that fails on the first GPU would cost its time."""

@@ -17,6 +17,8 @@ import pytest
 from egosplat.rasterize.kernels.targets import VARIANTS
 from egosplat_apartments.rays.library import LIBRARY
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[3]
 TARGET = "results/adt/scene1/metrics.json"
 
@@ -127,7 +129,6 @@ def test_both_distributions_hold_the_licenses(sdist, wheel):
     assert licenses == {name.partition("/licenses/")[2] for name in inside if "/licenses/" in name}
 
 
-@pytest.mark.slow
 def test_an_empty_folder_is_enough(installed, tmp_path):
     """The library, the command line, and the plan of a whole scene by the command that a message advises."""
     where = "import egosplat, egosplat_apartments; print(egosplat.open_scene.__module__, egosplat.__file__)"

@@ -26,6 +26,8 @@ from tests.unit.instances.test_stage import run as merge
 from tests.unit.segments.conftest import video_of
 from tests.unit.segments.test_tracker import FRAMES, OPTIONS
 
+pytestmark = pytest.mark.slow
+
 CAMERA = {"refine_poses": "off", "compensate_exposure": "off"}
 SPLATS = CAMERA | {
     "iterations": 20,
