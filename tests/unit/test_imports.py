@@ -93,6 +93,7 @@ os._exit(0)"""
 COMPILER = {"torch._dynamo", "torch._dynamo.utils"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "program, imported, left_out",
     [

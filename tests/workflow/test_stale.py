@@ -218,6 +218,7 @@ def test_another_checkpoint_reruns_the_stages_that_load_it(workdir):
         (models / model).write_bytes(before)
 
 
+@pytest.mark.slow
 def test_other_encoder_weights_rerun_transient(workdir):
     weights = workdir.folder / "encoder.safetensors"
     encoder = make_network(64, False, None, 0).encoder

@@ -47,7 +47,9 @@ FEATURE = np.eye(8, dtype=np.float32)[:2]
 
 # Of each method, iterations that suffice for so small a scene.
 ITERATIONS = {"sparse": 120, "granular": 150, "field": 100, "quantized": 500}
-METHODS = [name for name in STAGES["language"].modules if name not in ("joint", "clustered")] + [CLUSTERED]
+LONG = [pytest.param(name, marks=pytest.mark.slow) for name in ITERATIONS]
+METHODS = [name for name in STAGES["language"].modules if name not in ("joint", "clustered", *ITERATIONS)]
+METHODS += [CLUSTERED, *LONG]
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +196,7 @@ def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
         assert cosines.fliplr().trace() > cosines.trace() + 0.5, name
 
 
-@pytest.mark.parametrize("method", [*ITERATIONS])
+@pytest.mark.parametrize("method", LONG)
 def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, monkeypatch):
     def run(name: str):
         return scene.coded(method, Checkpoint(tmp_path / f"{name}.zarr", "key", 0.0), iterations=20)
@@ -225,7 +227,7 @@ def test_methods_from_tiles_say_which_frame_lacks_them(scene, checkpoint):
         scene.coded("field", checkpoint)
 
 
-@pytest.mark.parametrize("method", [*ITERATIONS])
+@pytest.mark.parametrize("method", LONG)
 def test_a_view_that_shows_nothing_does_not_end_training(scene, checkpoint, method):
     """No valid pixel, and no Gaussian before the camera."""
     away = scene.views.camera_to_world.copy()
