@@ -39,11 +39,5 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     The first makes the finished run that most tests of the workflow wait for. The others need none, so that they fill the
     second core until then.
     """
-    first = (
-        "test_cluster.py",
-        "test_rules.py",
-        "test_published_architectures.py",
-        "test_squares.py",
-        "test_apartment.py",
-    )
+    first = [f"test_{name}.py" for name in ("cluster", "rules", "published_architectures", "squares")]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))

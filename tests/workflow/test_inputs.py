@@ -1,20 +1,12 @@
 """Input of Snakemake: numbers on its command line are numbers."""
 
-import pytest
 from PIL import Image
 
 
-@pytest.fixture
-def pictures(tmp_path):
-    """A folder of six photographs of 64x48."""
-    folder = tmp_path / "pictures"
-    folder.mkdir()
+def test_numbers_of_the_command_line_and_with_an_exponent_are_numbers(one_scene, tmp_path):
+    (pictures := tmp_path / "pictures").mkdir()
     for number in range(6):
-        Image.new("RGB", (64, 48), (40 * number, 100, 0)).save(folder / f"{number}.png")
-    return folder
-
-
-def test_numbers_of_the_command_line_and_with_an_exponent_are_numbers(one_scene, pictures):
+        Image.new("RGB", (64, 48), (40 * number, 100, 0)).save(pictures / f"{number}.png")
     workdir = one_scene("plain", pictures)
     (workdir.folder / "tiny.yaml").write_text("poses: {meters_per_unit: 1e-4}\n")
     options = ["--config", "frames={stride: 2, upright: false, end_s: null}", "poses={min_registered: 0.7}"]

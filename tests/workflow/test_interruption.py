@@ -1,4 +1,4 @@
-"""Killed in the middle of a write: nothing looks whole, and the next run makes it."""
+"""Killed in the middle of a write, or run twice at once: nothing looks whole, and the next run makes it."""
 
 import os
 import shutil
@@ -9,6 +9,7 @@ from pathlib import Path
 import psutil
 import pytest
 
+from benchmarks.robustness.scene import remove
 from egosplat.artifacts.lineage import check_tree
 from tests.support.waiting import wait_for
 
@@ -78,3 +79,19 @@ def test_after_a_killed_snakemake_the_same_command_goes_on(workdir):
     assert "was killed: continuing" in workdir.run(str(target))
     assert (workdir.folder / target / "video.vrs").exists()
     assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]
+
+
+def test_two_concurrent_runs_do_the_work_once(workdir, tmp_path):
+    target = SCENE / "transient.png"
+    remove(workdir.folder / SCENE / "transient.zarr")
+    remove(workdir.folder / target)
+    transcripts = [tmp_path / "first.txt", tmp_path / "second.txt"]
+    both = [workdir.start("--cores", "1", "--", target, transcript=said) for said in transcripts]
+    statuses = [process.wait(timeout=600) for process in both]
+    assert 0 in statuses, [said.read_text() for said in transcripts]
+    for status, said in zip(statuses, transcripts, strict=True):
+        text = said.read_text()
+        assert "Traceback" not in text
+        assert "no other Snakemake process" in text if status else "Error" not in text
+    assert not any(check_tree(workdir.folder / "results", lambda _: None).values())
+    assert not workdir.stale(str(target))

@@ -9,14 +9,7 @@ import pytest
 
 from egosplat.features.crops import fill_hull
 from training.small_models import crops as crops_module
-from training.small_models.crops import (
-    KINDS,
-    OWN_ARMS,
-    Crops,
-    cut_world,
-    plain_name,
-    read_crops,
-)
+from training.small_models.crops import KINDS, OWN_ARMS, Crops, cut_world, plain_name, read_crops
 from training.small_models.levels import LEVELS
 from training.small_models.patches import (
     INNER_PX,
@@ -36,7 +29,6 @@ SEED = 77
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A small rendered world."""
     made = tmp_path_factory.mktemp("worlds") / str(SEED)
     render_world(SEED, ClipSettings(size=96, clips=1, frames=1), made)
     return made
@@ -44,7 +36,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def crops(folder: Path) -> Crops:
-    """Crops of the world."""
     output = folder.parent / "crops.npz"
     cut_world(folder, output)
     return read_crops([output])
