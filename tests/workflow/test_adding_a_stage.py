@@ -18,7 +18,7 @@ CODE = {
     "src/egosplat/frames/brightness_stage.py",
     "src/egosplat/pipeline/stages.py",
     "src/egosplat/frames/options.py",
-    "workflow/rules/brightness.smk",
+    "workflow/rules/frames.smk",
 }
 TARGET = "results/mine/scene/brightness.json"
 VARIANT = "results/mine/scene/variants/dim/brightness.json"

@@ -1,15 +1,16 @@
-"""No rule that trains depends on annotations; scenes for reporting run only by name."""
+"""No rule that trains depends on annotations; scenes for reporting run only by name; another workflow may deploy this one."""
 
 import re
 
 import pytest
+
+from benchmarks.ledger import __main__ as ledger
 
 EVALUATION = {"all", "contact_sheet", "metrics", "queries_sheet", "tables", "story", "tradeoff"}
 """Rules that may read annotations. Every other rule counts as training."""
 
 
 def edges(unchanged, *targets: str) -> set[tuple[str, str]]:
-    """Pairs (rule, rule that depends on it) of the whole DAG."""
     done = unchanged.snakemake("--rulegraph", "--forceall", "--", *targets)
     assert done.returncode == 0, done.stderr
     names = dict(re.findall(r'(\d+)\[label = "([^"\\]+)', done.stdout))
@@ -77,3 +78,40 @@ def test_the_tables_hold_scores_of_apartments_for_reporting_once_they_are_there(
     scores.parent.mkdir(parents=True)
     scores.write_text("{}")
     assert "results/adt/scene7/metrics.json" in plan()
+
+
+MODULE = """
+configfile: "config/config.yaml"
+
+module egosplat:
+    snakefile: "{}"
+    config: config
+
+use rule * from egosplat{}
+"""
+
+
+@pytest.mark.parametrize("prefix", ["", " as ego_*"])
+def test_another_workflow_deploys_this_one_as_a_module(workdir, prefix):
+    """What is finished stays so, what is lost is made again, and the survey decides what is needed."""
+    tiny, scene = workdir.folder / "tiny.yaml", "results/adt/scene1"
+    tiny.write_text(tiny.read_text().replace("masking: refined", "masking: auto"))
+    (workdir.folder / scene / "splats.png").unlink()
+    snakefile, workdir.snakefile = workdir.snakefile, workdir.folder / "Snakefile"
+    workdir.snakefile.write_text(MODULE.format(snakefile, prefix))
+    assert "2 of 2 steps" in workdir.run(f"{scene}/survey.json", f"{scene}/splats.png")
+    assert workdir.stale(*workdir.MAIN) == set()
+
+
+def test_every_setting_of_a_drawn_apartment_can_be_made(tmp_path, capfd):
+    """Of a release too: the plan has the scores of each setting, and one recording for all of them."""
+    (seed,) = ledger.draw_seeds("a text", count=1)
+    settings = ledger.SETTINGS | {name: name for name in ledger.RELEASE}
+    ledger.prepare(tmp_path, [seed])
+    assert (
+        ledger.snakemake(tmp_path, 1, [*ledger.scores_of([seed], settings)], "--dry-run", "--quiet", "rules")
+        == 0
+    )
+    planned = capfd.readouterr().err
+    counts = dict(line.split() for line in planned.splitlines() if len(line.split()) == 2)
+    assert counts["metrics"] == str(len(settings)) and counts["synthetic"] == "1"

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
@@ -155,11 +156,13 @@ def test_an_invalid_row_is_named_with_its_line(tmp_path, row, message):
         read(tmp_path, "")
 
 
-def test_a_table_saved_by_a_spreadsheet_is_read(tmp_path):
+def test_a_table_saved_by_a_spreadsheet_in_the_home_folder_is_read(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
     text = "\ufeff" + (HEADER + "mine\ts1\tplain\tx\t\n").replace("\n", "\r\n")
     scenes = read(tmp_path, text)
     with pytest.raises(UserError, match="at x"):
         check_recording(scenes["mine", "s1"])
+    assert list(read_scenes(config.resolve({"scenes": "~/scenes.tsv"}, PRESETS))) == [*scenes]
 
 
 def test_yaml_is_read_without_running_what_it_holds(tmp_path):
@@ -183,7 +186,17 @@ def test_a_recording_with_an_odd_name_is_an_input(one_scene, tmp_path):
     assert not list(tmp_path.rglob("canary"))
 
 
-def test_the_table_may_be_in_the_home_folder(tmp_path, monkeypatch):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    (tmp_path / "scenes.tsv").write_text(f"{HEADER}mine\ts1\tplain\tx\t\n")
-    assert list(read_scenes(config.resolve({"scenes": "~/scenes.tsv"}, PRESETS))) == [("mine", "s1")]
+def test_numbers_of_the_command_line_and_with_an_exponent_are_numbers(one_scene, tmp_path):
+    (pictures := tmp_path / "pictures").mkdir()
+    for number in range(6):
+        Image.new("RGB", (64, 48), (40 * number, 100, 0)).save(pictures / f"{number}.png")
+    workdir = one_scene("plain", pictures)
+    (workdir.folder / "tiny.yaml").write_text("poses: {meters_per_unit: 1e-4}\n")
+    options = ["--config", "frames={stride: 2, upright: false, end_s: null}", "poses={min_registered: 0.7}"]
+    target = "results/mine/scene/poses.zarr"
+    done = workdir.snakemake("--dry-run", "--printshellcmds", *options, "--", target)
+    assert done.returncode == 0, done.stderr
+    commands = done.stdout + done.stderr
+    for value in ('"stride": 2,', '"upright": false', '"min_registered": 0.7,', '"meters_per_unit": 0.0001,'):
+        assert value in commands
+    assert '"end_s": null' in commands

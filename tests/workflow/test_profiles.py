@@ -18,10 +18,6 @@ LOCAL = set(re.findall(r"\w+", " ".join(re.findall(r"^localrules:\n((?:    .*\n)
 PROFILE = yaml.safe_load((WORKFLOW / "profiles/slurm/config.yaml").read_text())
 
 
-def test_every_stage_has_a_rule():
-    assert {*STAGES} <= {*RULES} | SHEETS
-
-
 @pytest.mark.parametrize("stage", sorted(set(STAGES) - SHEETS))
 def test_a_rule_names_the_inputs_of_its_stage(stage):
     """The command's flags come from the stage's record, what Snakemake waits for from the rule."""
@@ -46,7 +42,8 @@ def test_rules_that_use_a_gpu_ask_for_it():
     assert not asking & {"frames", "annotations", "poses", "survey", "features", "masks"}
 
 
-def test_the_profile_names_existing_rules():
+def test_every_stage_has_a_rule_and_the_profile_names_no_other():
+    assert {*STAGES} <= {*RULES} | SHEETS
     grouped = dict(entry.split("=") for entry in PROFILE["groups"])
     assert set(grouped) <= (set(RULES) | SHEETS) - LOCAL
     assert {rule for rule, group in grouped.items() if group == "sheets"} - {"methods_sheet"} == SHEETS

@@ -28,7 +28,6 @@ def rows(page: str) -> dict[str, dict]:
 
 @pytest.fixture(scope="module")
 def page(finished, tmp_path_factory) -> str:
-    """The report of the finished run."""
     return report(finished, tmp_path_factory.mktemp("report") / "report.html", "--", *finished.MAIN)
 
 
@@ -45,6 +44,10 @@ def test_every_result_of_the_finished_scene_has_a_row_of_its_own(finished, page)
     }
     captions = [row["caption"] for row in found.values()]
     assert len(set(captions)) == len(captions) and all("adt/scene1" in caption for caption in captions)
+    scores = found["results/adt/scene1/metrics.json"]
+    assert scores["mime_type"] == "application/json" and "mIoU" in scores["caption"]
+    content = base64.b64decode(scores["data_uri"].partition("base64,")[2])
+    assert content == (finished.folder / "results/adt/scene1/metrics.json").read_bytes()
 
 
 def test_the_story_has_every_picture_and_the_scene_and_is_in_the_report(workdir, tmp_path):
@@ -54,13 +57,6 @@ def test_the_story_has_every_picture_and_the_scene_and_is_in_the_report(workdir,
     assert "No key asks for a survey" in story and "instances move" in story and "queries point at" in story
     page = report(workdir, tmp_path / "report.html", "--", "results/adt/scene1/story.html")
     assert "results/adt/scene1/story.html" in rows(page) and '"Overview"' in page
-
-
-def test_the_report_contains_the_scores(finished, page):
-    found = rows(page)["results/adt/scene1/metrics.json"]
-    assert found["mime_type"] == "application/json" and "mIoU" in found["caption"]
-    content = base64.b64decode(found["data_uri"].partition("base64,")[2])
-    assert content == (finished.folder / "results/adt/scene1/metrics.json").read_bytes()
 
 
 def test_report_text_covers_every_step_without_markup(page):

@@ -15,7 +15,7 @@ if clear_stale_locks(Path(".snakemake")):
     print("The last Snakemake here was killed: continuing.", file=sys.stderr)
 
 # A killed command cannot report itself. `|| true` keeps the command's own exit status.
-TELL_IF_KILLED = str(Path(workflow.basedir) / "scripts/tell_if_killed.sh")
+TELL_IF_KILLED = workflow.source_path("../scripts/tell_if_killed.sh")
 AT_EXIT = f"sh {shlex.quote(TELL_IF_KILLED)} $? || true"
 
 # The first line repeats Snakemake's own prefix, which this one replaces: pipefail reports a failure before the pipe to

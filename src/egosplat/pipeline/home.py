@@ -13,7 +13,7 @@ _PACKAGE = Path(__file__).resolve().parents[1]
 _SHIPPED = _PACKAGE / "shipped"
 
 # Relative to a folder with a workflow of its own, which Snakemake finds by itself.
-SNAKEFILE = Path("workflow/Snakefile")
+SNAKEFILE, _SNAKEFILES = Path("workflow/Snakefile"), ("Snakefile", "snakefile")
 CONFIG, PRESETS = Path("config/config.yaml"), Path("config/presets")
 
 # Where the workflow puts results, which its targets name from the folder of the workflow.
@@ -32,16 +32,16 @@ def find_home(path: Path) -> Path:
     with egosplat, in a checkout or the installed package.
     """
     # Another Snakemake project may live in the working directory.
-    is_other = any(Path(name).is_file() for name in ("Snakefile", "snakefile", SNAKEFILE))
+    is_other = any(Path(name).is_file() for name in (*_SNAKEFILES, SNAKEFILE))
     if path.exists() and (has_workflow(Path()) or not is_other):
         return path
     return (_SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]) / path
 
 
 def has_workflow(folder: Path) -> bool:
-    """Whether a folder has egosplat's workflow, and not that of another project."""
-    path = folder / SNAKEFILE
-    return path.is_file() and "egosplat" in path.read_text(errors="replace")
+    """Whether a folder has egosplat's workflow, or one that deploys it as a module, and not that of another project."""
+    paths = [folder / name for name in (*_SNAKEFILES, SNAKEFILE)]
+    return any(path.is_file() and "egosplat" in path.read_text(errors="replace") for path in paths)
 
 
 # The presets are the files of their folder.
