@@ -2,16 +2,10 @@
 Methods of others on the same data, the paper's tables, and speed against accuracy: egosplat_rivals.
 
 REQUIRED INPUTS: frames.zarr, survey.json; metrics.json of scenes and their variants.
-OUTPUTS: tiles.zarr of a scene and methods.png; tradeoff/tradeoff.html of a scene; results/benchmark/tables.html and
-tradeoff.html of several scenes.
+OUTPUTS: tiles.zarr, methods.png and tradeoff/ of a scene; results/benchmark/tables.html and tradeoff.html.
 """
 
-from egosplat_rivals.compared import (
-    compared_methods,
-    compared_variants,
-    table_pictures,
-    table_scores,
-)
+from egosplat_rivals import compared
 
 PAGES = ("jinja2", "jsonschema", "pandas")
 CHARTS = ("adjustText", "jinja2", "jsonschema", "matplotlib", "pandas")
@@ -56,8 +50,8 @@ use rule tiles as tiles_chunk with:
 rule tables:
     """Write the scores of all scenes and variants as the paper's tables, next to its printed numbers."""
     input:
-        metrics=lambda _: table_scores(scenes.values()),
-        pictures=lambda _: table_pictures(scenes.values()),
+        metrics=lambda _: compared.table_scores(scenes.values()),
+        pictures=lambda _: compared.table_pictures(scenes.values()),
     output:
         expand(
             "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
@@ -85,7 +79,7 @@ rule tables:
 rule tradeoff:
     """Compare cost and accuracy of a scene and its variants in tradeoff.variants."""
     input:
-        metrics=asked(lambda job: compared_variants(job.scene)),
+        metrics=asked(lambda job: compared.compared_variants(job.scene)),
     output:
         multiext("results/{dataset}/{scene}/tradeoff/tradeoff", ".csv", ".png"),
         page=report(
@@ -111,7 +105,7 @@ use rule tradeoff as tradeoff_scenes with:
         metrics=lambda _: [
             path
             for name in settings["tradeoff"]["scenes"]
-            for path in compared_variants(job_named(*name.split("/")).scene)
+            for path in compared.compared_variants(job_named(*name.split("/")).scene)
         ],
     output:
         multiext("results/benchmark/tradeoff", ".csv", ".png"),
@@ -128,7 +122,7 @@ use rule tradeoff as tradeoff_scenes with:
 rule methods_sheet:
     """Draw the answers of the compared methods to the same queries side by side."""
     input:
-        metrics=asked(lambda job: compared_methods(job.scene)),
+        metrics=asked(lambda job: compared.compared_methods(job.scene)),
     output:
         report(
             "results/{dataset}/{scene}/methods.png",

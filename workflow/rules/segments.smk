@@ -3,8 +3,7 @@ Masks at three levels, and the instances they show: tracked through the video, o
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: transient.zarr, if moving things are tracked;
 splats.zarr, if masks are merged on its Gaussians; survey.json. Never annotations.zarr.
-OUTPUTS: segments.zarr, instances.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes. Of a
-long recording, segments.{chunk}.chunk, which segments gathers; temporary.
+OUTPUTS: segments.zarr, instances.zarr. Until then .{name}.checkpoint, and of a long recording segments.{chunk}.chunk.
 """
 
 
