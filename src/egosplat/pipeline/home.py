@@ -11,6 +11,7 @@ from egosplat.errors import UserError
 # setup.py copies workflow/ and config/ into this folder of a wheel.
 _PACKAGE = Path(__file__).resolve().parents[1]
 _SHIPPED = _PACKAGE / "shipped"
+_HOME = _SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]
 
 # Relative to a folder with a workflow of its own, which Snakemake finds by itself.
 SNAKEFILE, _SNAKEFILES = Path("workflow/Snakefile"), ("Snakefile", "snakefile")
@@ -20,8 +21,7 @@ CONFIG, PRESETS = Path("config/config.yaml"), Path("config/presets")
 _RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
 _SCENE = re.compile(r"(?:\./)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
 
-# Example of a scene folder for messages.
-EXAMPLE = "results/adt/scene1"
+EXAMPLE = "results/adt/scene1"  # of a scene's folder, for messages
 
 # Artifacts of a scene that can be asked; its codes name one more, features or tiles.
 ASKED = ("frames", "poses", "splats", "language")
@@ -35,7 +35,7 @@ def find_home(path: Path) -> Path:
     is_other = any(Path(name).is_file() for name in (*_SNAKEFILES, SNAKEFILE))
     if path.exists() and (has_workflow(Path()) or not is_other):
         return path
-    return (_SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]) / path
+    return _HOME / path
 
 
 def has_workflow(folder: Path) -> bool:
@@ -44,8 +44,8 @@ def has_workflow(folder: Path) -> bool:
     return any(path.is_file() and "egosplat" in path.read_text(errors="replace") for path in paths)
 
 
-# The presets are the files of their folder.
-PRESET_NAMES = sorted(path.stem for path in find_home(PRESETS).glob("*.yaml"))
+_PRESET_FILES = [*find_home(PRESETS).glob("*.yaml"), *(_HOME / PRESETS).glob("*.yaml")]
+PRESET_NAMES = sorted({path.stem for path in _PRESET_FILES})
 
 
 def how_to_reinstall() -> str:
