@@ -198,6 +198,7 @@ def test_an_answer_is_that_of_python(scene, data, clip, words):
         np.testing.assert_allclose(mine["size"], other.size, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_word_of_the_list_has_the_answer_of_the_terminal(scene, data):
     facts, page = data[0], scene().page
     for word, answer in zip(facts["words"], facts["answers"], strict=True):

@@ -13,7 +13,6 @@ DESCRIPTION = re.compile(r"var workflow_desc = (\".*\");?\n")
 
 
 def report(workdir, output: Path, *targets: str) -> str:
-    """The page of ``--report``, as a user calls it after ``make demo``."""
     done = workdir.snakemake("--report", output, *targets)
     assert done.returncode == 0, done.stdout + done.stderr
     if output.suffix == ".zip":

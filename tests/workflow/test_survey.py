@@ -31,7 +31,6 @@ def made(workdir, config: str, *targets: str) -> set[str]:
 
 
 def edges(workdir, config: str, *targets: str) -> set[tuple[str, str]]:
-    """Pairs (rule, rule that depends on it) of the DAG."""
     (workdir.folder / "more.yaml").write_text(config)
     done = workdir.snakemake("more.yaml", "--rulegraph", "--", *targets)
     assert done.returncode == 0, done.stderr
@@ -50,7 +49,6 @@ def surveyed(finished, tmp_path_factory):
 
 @pytest.fixture
 def work(surveyed, tmp_path):
-    """A private copy."""
     return type(surveyed)(Path(shutil.copytree(surveyed.folder, tmp_path / "copy", symlinks=True)))
 
 

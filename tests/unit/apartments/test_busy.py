@@ -13,6 +13,8 @@ from egosplat_apartments.objects.model import bounds_at, boxes_touch
 from egosplat_apartments.stage import make_renderer, record_world
 from egosplat_apartments.world.world import make_world
 
+pytestmark = pytest.mark.slow
+
 SEED, SECONDS, OBJECTS, FPS = 103, 60.0, 44, 1.0
 
 
