@@ -148,6 +148,7 @@ def test_edits_without_effect_rerun_nothing(workdir):
     assert workdir.stale(*workdir.MAIN) == set()
 
 
+@pytest.mark.slow
 def test_an_edited_template_reruns_its_page(workdir):
     story = "results/adt/scene1/story.html"
     workdir.run(story)

@@ -89,7 +89,6 @@ def test_a_static_scene_trains_gaussians_once(surveyed, work):
 
 
 def test_a_run_of_everything_draws_what_the_survey_finds_to_move(work):
-    """Each page that the survey decides; histories where SAM2 tracks, that is, in masks of single frames."""
     table = work.folder / "config/scenes.tsv"
     rows = table.read_text().splitlines(keepends=True)
     table.write_text("".join(row for row in rows if row.startswith(("dataset\t", "adt\tscene1\t"))))

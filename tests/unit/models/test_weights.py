@@ -110,8 +110,8 @@ for name in sys.argv[1:]:
 """
 
 
+@pytest.mark.slow
 def test_a_lack_of_memory_is_not_reported_as_damage(tmp_path):
-    """Otherwise users would download an intact checkpoint again."""
     files = [tmp_path / "m.pt", tmp_path / "m.safetensors"]
     for file in files:
         save({"a": torch.zeros(50_000_000)}, file)
