@@ -126,10 +126,8 @@ class GranularCodes(Trainee):
     def loss(self, step: Step) -> Tensor:
         """Return the region-balanced L1, the entropy of the levels' weights, and in the second half the variance."""
         labels = self._targets.labels(self.frame(step.view))[:, ::_STRIDE, ::_STRIDE]
-        rows, columns = (
-            torch.arange(0, self.views.camera.height, _STRIDE),
-            torch.arange(0, self.views.camera.width, _STRIDE),
-        )
+        rows = torch.arange(0, self.views.camera.height, _STRIDE)
+        columns = torch.arange(0, self.views.camera.width, _STRIDE)
         pixels = torch.cartesian_prod(rows, columns).flip(1)
         with torch.no_grad():
             coarse = self.render(step.view, pixels, self.code)

@@ -14,7 +14,8 @@ _SHIPPED = _PACKAGE / "shipped"
 _HOME = _SHIPPED if _SHIPPED.is_dir() else _PACKAGE.parents[1]
 
 # Relative to a folder with a workflow of its own, which Snakemake finds by itself.
-SNAKEFILE, _SNAKEFILES = Path("workflow/Snakefile"), ("Snakefile", "snakefile")
+SNAKEFILE = Path("workflow/Snakefile")
+_SNAKEFILES = ("Snakefile", "snakefile", SNAKEFILE)
 CONFIG, PRESETS = Path("config/config.yaml"), Path("config/presets")
 
 # Where the workflow puts results, which its targets name from the folder of the workflow.
@@ -32,7 +33,7 @@ def find_home(path: Path) -> Path:
     with egosplat, in a checkout or the installed package.
     """
     # Another Snakemake project may live in the working directory.
-    is_other = any(Path(name).is_file() for name in (*_SNAKEFILES, SNAKEFILE))
+    is_other = any(Path(name).is_file() for name in _SNAKEFILES)
     if path.exists() and (has_workflow(Path()) or not is_other):
         return path
     return _HOME / path
@@ -40,12 +41,13 @@ def find_home(path: Path) -> Path:
 
 def has_workflow(folder: Path) -> bool:
     """Whether a folder has egosplat's workflow, or one that deploys it as a module, and not that of another project."""
-    paths = [folder / name for name in (*_SNAKEFILES, SNAKEFILE)]
+    paths = [folder / name for name in _SNAKEFILES]
     return any(path.is_file() and "egosplat" in path.read_text(errors="replace") for path in paths)
 
 
-_PRESET_FILES = [*find_home(PRESETS).glob("*.yaml"), *(_HOME / PRESETS).glob("*.yaml")]
-PRESET_NAMES = sorted({path.stem for path in _PRESET_FILES})
+PRESET_NAMES = sorted(
+    {path.stem for folder in (find_home(PRESETS), _HOME / PRESETS) for path in folder.glob("*.yaml")}
+)
 
 
 def how_to_reinstall() -> str:

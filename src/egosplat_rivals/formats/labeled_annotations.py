@@ -58,10 +58,8 @@ def match_labels(labels: Mapping[str, Path], names: Sequence[str]) -> dict[int, 
         if not indices and not numbered and name.isdecimal() and int(name) < len(stems):
             indices = [int(name)]
         if len(indices) != 1:
-            listed, shown = (
-                ", ".join(names[index] for index in indices) or "none",
-                ", ".join(names[:_MAX_NAMES]),
-            )
+            listed = ", ".join(names[index] for index in indices) or "none"
+            shown = ", ".join(names[:_MAX_NAMES])
             raise UserError(
                 f"{label}: labels one picture, and {listed} of {shown}, ... is named {name}. Add the picture, or remove the label."
             )
