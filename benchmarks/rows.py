@@ -22,7 +22,7 @@ from egosplat_rivals.scored_scenes import ScoredScene, check_protocol, read_scor
 
 LEDGER = ROOT / "benchmarks" / "ledger"
 
-ABOUT = "about.json"
+ABOUT, TEXTS = "about.json", "texts.tsv"
 
 EVIDENCE = tuple(Evidence.__dataclass_fields__)
 
@@ -167,6 +167,13 @@ def read_rows(folder: Path) -> Rows:
                 f"{folder / name}: is not the table that was written; get it back: git checkout {folder}"
             )
     return Rows(about, {name: pd.read_csv(folder / f"{name}.csv.xz") for name in COLUMNS})
+
+
+def read_texts() -> pd.DataFrame:
+    """The registered texts in their order: ``text``, ``registered`` (date), ``scores`` (``changed`` or ``same`` against the
+    text before), ``why``, and ``ran``, whether there are rows."""
+    texts = pd.read_csv(LEDGER / TEXTS, sep="\t", dtype=str)
+    return texts.assign(ran=[(LEDGER / text / ABOUT).is_file() for text in texts["text"]])
 
 
 def read_source(name: str) -> Rows:

@@ -4,13 +4,12 @@
     python -m benchmarks.ledger TEXT --release   # the same, with more settings
     python -m benchmarks.ledger --report         # every table and interval from the rows
 
-A run needs a clean checkout of one commit to its end: take a worktree of its own. The same command goes on after an
-interruption. A text is run once. Commit its folder.
+A text is committed to benchmarks/ledger/texts.tsv before it is run, and run once. A run needs a clean checkout of one commit to
+its end: take a worktree of its own. The same command goes on after an interruption. Commit its folder.
 """
 
 import hashlib
 import os
-import re
 import subprocess
 import sys
 from collections.abc import Collection, Iterator, Mapping
@@ -22,7 +21,17 @@ import yaml
 
 from benchmarks.common import ROOT, command
 from benchmarks.figures import TABLES
-from benchmarks.rows import ABOUT, LEDGER, collect, head, read_rows, read_scenes, stamp, write_rows
+from benchmarks.rows import (
+    LEDGER,
+    TEXTS,
+    collect,
+    head,
+    read_rows,
+    read_scenes,
+    read_texts,
+    stamp,
+    write_rows,
+)
 from egosplat.errors import UserError
 from egosplat.pipeline.variants import variant_folder
 from egosplat_rivals.scored_scenes import FULL, ScoredScene
@@ -64,25 +73,40 @@ def draw_seeds(text: str, taken: Collection[int] = (), count: int = APARTMENTS) 
     return seeds
 
 
-def texts() -> list[str]:
-    """The texts that were run, by date."""
-    found = [path.parent for path in LEDGER.glob(f"*/{ABOUT}")]
-    return [path.name for path in sorted(found, key=lambda path: (read_rows(path).about["date"], path.name))]
+def git(*words: str) -> str:
+    """What git says in the folder of the ledger."""
+    return subprocess.run(["git", *words], cwd=LEDGER, check=True, capture_output=True, text=True).stdout
+
+
+def registered() -> list[str]:
+    """The texts that the commit registers.
+
+    Raises:
+        UserError: an earlier commit has a line that this one has not, or has elsewhere.
+    """
+    now = git("show", f"HEAD:./{TEXTS}")
+    for commit in git("log", "--full-history", "--diff-filter=AM", "--format=%h", "--", TEXTS).split():
+        if not now.startswith(git("show", f"{commit}:./{TEXTS}")):
+            raise UserError(
+                f"{LEDGER / TEXTS}: lacks lines of commit {commit}; lines are only added at its end"
+            )
+    return [line.split("\t")[0] for line in now.splitlines()[1:]]
 
 
 def check_text(text: str) -> str:
     """Check that a text may be run; returns the commit to run.
 
     Raises:
-        UserError: it names no folder, or was run; or the checkout is not clean.
+        UserError: it was run, or the commit does not register it; or the checkout is not clean. See also ``registered``.
     """
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}", text):
-        raise UserError(f"{text!r}: give a text of letters, digits, '.', '-' and '_'")
     if (LEDGER / text).exists():
         raise UserError(
-            f"{text}: was run already, see benchmarks/ledger/{text}; a text is run once. Give another"
+            f"{text}: was run already, see benchmarks/ledger/{text}; a text is run once. Register another"
         )
-    return head()
+    commit = head()
+    if text not in registered():
+        raise UserError(f"{text}: is not registered; first commit a line for it in benchmarks/ledger/{TEXTS}")
+    return commit
 
 
 def prepare(folder: Path, seeds: Collection[int]) -> None:
@@ -137,7 +161,9 @@ def run(text: str, release: bool, cores: int) -> Path:
     """
     commit = check_text(text)
     settings = SETTINGS | {name: name for name in RELEASE if release}
-    taken = {seed for one in texts() for seed in read_rows(LEDGER / one).about["seeds"]}
+    taken = {
+        seed for one in read_texts().query("ran")["text"] for seed in read_rows(LEDGER / one).about["seeds"]
+    }
     seeds, folder = draw_seeds(text, taken), WORK / f"{text}-{commit[:12]}"
     prepare(folder, seeds)
     if status := snakemake(folder, cores, [*scores_of(seeds, settings)]):
@@ -158,7 +184,9 @@ def run(text: str, release: bool, cores: int) -> Path:
 
 
 def report(text: str) -> str:
-    """Every table of a text."""
+    """Every table of a text, or that it has not run."""
+    if not (LEDGER / text).exists():
+        return f"# {text}\n\nRegistered, not run."
     rows = read_rows(LEDGER / text)
     return "\n\n".join([f"# {text}", stamp(rows.about), *(table(rows) for table in TABLES.values())])
 
@@ -174,7 +202,7 @@ def main(text: str | None, release: bool, reported: bool, cores: int) -> None:
         raise UserError("give a TEXT to run, or --report")
     if not reported:
         click.echo(f"wrote {run(text, release, cores)}; commit it", err=True)
-    click.echo("\n\n".join(map(report, [text] if text else texts())) or "no text was run yet")
+    click.echo("\n\n".join(map(report, [text] if text else read_texts()["text"])))
 
 
 if __name__ == "__main__":

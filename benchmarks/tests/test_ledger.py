@@ -2,8 +2,8 @@
 
 import csv
 import re
+import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import yaml
@@ -20,9 +20,17 @@ from training.small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS
 COMMIT = "c0de" * 10
 
 
+def register(*lines: str) -> None:
+    """Commit a list of these texts."""
+    listed = ["text\tregistered\tscores\twhy", *(f"{line}\t2026-01-01\tchanged\t{line}" for line in lines)]
+    (ledger.LEDGER / rows.TEXTS).write_text("".join(f"{line}\n" for line in listed))
+    for words in ("init -q", "add .", "-c user.name=a -c user.email=b commit -q --allow-empty -m a"):
+        subprocess.run(["git", *words.split()], cwd=ledger.LEDGER, check=True)
+
+
 @pytest.fixture
 def checkout(tmp_path, monkeypatch):
-    """A clean checkout with an empty ledger; ``checkout(clean=)`` changes it."""
+    """A clean checkout with a ledger that registers ``mine``; ``checkout(clean=)`` changes it."""
 
     def be(clean: bool | None = True) -> None:
         found = {"commit": None if clean is None else COMMIT, "clean": clean}
@@ -32,6 +40,8 @@ def checkout(tmp_path, monkeypatch):
         monkeypatch.setattr(module, "LEDGER", tmp_path / "entries")
     monkeypatch.setattr(ledger, "WORK", tmp_path / "work")
     monkeypatch.setattr(ledger, "snakemake", lambda *_: pytest.fail("ran"))
+    ledger.LEDGER.mkdir()
+    register("mine")
     be()
     return be
 
@@ -66,9 +76,17 @@ def test_no_apartment_of_the_repository_can_be_drawn():
     assert len(named) > 50 and max(named) < ledger.FIRST_SEED
 
 
-@pytest.mark.parametrize("text", ["", "..", "a/b", "a b", ".hidden", "x" * 101])
-def test_a_text_that_is_no_name_is_refused(checkout, text):
-    assert "give a text" in refused(text)
+def test_a_text_is_committed_before_it_is_run(checkout):
+    (ledger.LEDGER / rows.TEXTS).open("a").write("other\t2026-01-01\tsame\tother\n")
+    assert "other: is not registered" in refused("other")
+    register("mine", "other")
+    assert ledger.check_text("other") == COMMIT
+
+
+@pytest.mark.parametrize("lines", [(), ("yours",), ("yours", "mine")])
+def test_a_list_that_lost_a_line_is_refused(checkout, lines):
+    register(*lines, "other")
+    assert "texts.tsv: lacks lines of commit" in refused("other")
 
 
 def test_a_second_run_is_refused(checkout):
@@ -90,7 +108,7 @@ def test_a_failed_run_writes_no_entry_and_goes_on_with_the_same_command(checkout
     )
     for _ in range(2):
         assert "a job failed (exit 1)" in refused("mine", "--release")
-    assert calls[0] == calls[1] and not ledger.LEDGER.exists()
+    assert calls[0] == calls[1] and not (ledger.LEDGER / "mine").exists()
     folder, targets = calls[0]
     assert folder == ledger.WORK / f"mine-{COMMIT[:12]}"
     seeds = ledger.draw_seeds("mine")
@@ -121,15 +139,25 @@ def test_scores_of_other_code_do_not_enter(changed):
 
 def test_the_report_is_computed_from_the_rows_alone(checkout):
     rows.write_rows(ledger.LEDGER / "mine", some_rows())
+    register("mine", "other")
     said = CliRunner().invoke(ledger.main, ["--report"], catch_exceptions=False).stdout
+    assert said.endswith("# other\n\nRegistered, not run.\n")
     assert said.startswith("# mine\n\nCommit c0de, a processor, 2 cores, 2026-01-01.")
     assert "| full against other | +" in said and said.count("\n| other | 22 |") == 1
 
 
-def test_every_entry_is_as_it_was_written():
-    """Entries are only added: digests of tables, and one text a folder."""
-    for path in Path(rows.LEDGER).glob("*/about.json"):
-        found = rows.read_rows(path.parent).about
-        assert found["text"] == path.parent.name
-        assert set(found["seeds"]) == set(ledger.draw_seeds(found["text"], count=ledger.APARTMENTS))
-        assert sum(one.stat().st_size for one in path.parent.iterdir()) < 1_000_000
+def test_the_list_of_texts_only_grew_and_every_entry_is_as_it_was_written():
+    """Digests of tables, one text a folder, and in the commit that ran, if this clone has it, a registration."""
+    texts, page = rows.read_texts(), (rows.LEDGER / "README.md").read_text()
+    assert ledger.registered() == texts["text"].to_list()[: len(ledger.registered())]
+    assert {path.parent.name for path in rows.LEDGER.glob("*/about.json")} == {*texts.query("ran")["text"]}
+    assert set(texts["scores"]) <= {"changed", "same"} and texts["text"].is_unique
+    assert all(re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", text) for text in texts["text"])
+    assert all(f"`{text}`, registered, not run" in page for text in texts.query("not ran")["text"])
+    for text in texts.query("ran")["text"]:
+        about = rows.read_rows(rows.LEDGER / text).about
+        show = ["git", "show", f"{about['commit']}:./{rows.TEXTS}"]
+        listed = subprocess.run(show, check=False, cwd=rows.LEDGER, capture_output=True, text=True).stdout
+        assert about["text"] == text and (f"\n{text}\t" in listed or not listed)
+        assert set(about["seeds"]) == set(ledger.draw_seeds(text, count=ledger.APARTMENTS))
+        assert sum(one.stat().st_size for one in (rows.LEDGER / text).iterdir()) < 1_000_000

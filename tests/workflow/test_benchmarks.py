@@ -190,13 +190,6 @@ def test_misses(scene):
     }
 
 
-def test_real_camera(scene):
-    one, mean = by_column(run("real_camera.__main__", scene))
-    assert one["scene"] == NAME and mean["scene"] == "mean"
-    assert one["queries"] == mean["queries"] == str(recorded(scene)["scores"]["all"]["count"])
-    assert one["PSNR, static"] == f"{recorded(scene)['rendering']['static']['psnr']:.2f}"
-
-
 def test_still_masks(with_variant, survey):
     folder = with_variant()
     (folder / "survey.json").write_text(json.dumps(survey))
