@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 import pandas as pd
 
 from benchmarks.common import markdown
+from benchmarks.presence.__main__ import fitted
 from benchmarks.rows import Rows
 from benchmarks.scores import mcnemar
 from egosplat.errors import UserError
@@ -159,6 +160,7 @@ FIGURES: Mapping[str, Callable[..., str]] = {
     "chance": chance,
     "minutes": minutes,
     "queries": queries,
+    "fit": fitted,
 }
 
 

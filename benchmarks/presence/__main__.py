@@ -97,6 +97,15 @@ def evidence_table(asked: pd.DataFrame) -> str:
     return markdown(("evidence", "log loss", "Brier score"), table)
 
 
+def fitted(rows: Rows) -> str:
+    """The limits, and how grades and probabilities hold in scenes left out."""
+    asked = asked_of(rows)
+    p = held_out(asked)
+    limits = choose_limits(p, asked)
+    told = f"Limits: found from {limits.found:.2f}, a best guess from {limits.guess:.2f}."
+    return "\n\n".join([told, grades_table(asked, p, limits), reliability_table(asked, p)])
+
+
 def _mean_of_others(asked: pd.DataFrame, own: pd.Series) -> float:
     return float(asked["true"].drop(own.index).mean())
 
@@ -134,16 +143,13 @@ def main(folders: tuple[Path, ...], fit: bool, rows: Path | None) -> None:
         found = read_source("presence")
         click.echo(f"{stamp(found.about)}\n")
     asked = asked_of(found)
-    p = held_out(asked)
-    limits = choose_limits(p, asked)
-    click.echo(f"Limits: found from {limits.found:.2f}, a best guess from {limits.guess:.2f}.\n")
-    for table in (grades_table(asked, p, limits), reliability_table(asked, p), evidence_table(asked)):
-        click.echo(f"{table}\n")
+    click.echo(f"{fitted(found)}\n\n{evidence_table(asked)}\n")
     if fit:
         if not folders:
             raise UserError(
                 "--fit takes folders of scenes: their metrics.json tells the OpenCLIP and the keys"
             )
+        limits = choose_limits(held_out(asked), asked)
         write_fit([read_scored_scene(folder / "metrics.json") for folder in folders], asked, limits)
 
 

@@ -6,8 +6,6 @@ from click.testing import CliRunner
 
 from benchmarks.instances import growth
 from benchmarks.published_models import __main__ as published_models
-from benchmarks.segments_growth import __main__ as segments_growth
-from tests.support.tables import cells
 from tests.unit.models.conftest import tiny_clip, tiny_sam2
 
 __all__ = ["tiny_clip", "tiny_sam2"]
@@ -32,24 +30,6 @@ def test_a_published_architecture_is_saved_loaded_and_run(tiny_sam2, tiny_clip, 
         loading, *rows = json.loads(run(published_models.main, *architectures, "--measure", name, path))
         assert loading[1] == "loading" and float(loading[2]) >= 0
         assert [row[1] for row in rows] == list(what)
-
-
-def test_every_mask_of_noise_is_tracked():
-    """As many instances as are asked for, or the law would be of others."""
-    (found,) = run(segments_growth.main, "--size", 64, "--point", 2, 6).splitlines()
-    assert json.loads(found)["instances"] == 6
-
-
-def test_laws_are_fitted_to_measurements(monkeypatch):
-    """Two seconds and three for each frame; 10 MiB and one for each instance."""
-    measured = [
-        {"frames": f, "instances": n, "seconds": 2 * f + 3 * f * n, "before_mb": 5.0, "peak_mb": 10.0 + n}
-        for f, n in segments_growth.POINTS
-    ]
-    monkeypatch.setattr(segments_growth, "measure_apart", lambda *_: measured.pop(0))
-    said = run(segments_growth.main)
-    assert len(cells(said)) == 1 + len(segments_growth.POINTS)
-    assert "2 F + 3 F N (largest error 0%)" in said and "1 N (largest error 0%)" in said
 
 
 def test_made_up_masks_are_merged_to_the_instances_they_show():
