@@ -18,7 +18,7 @@ import click
 
 from benchmarks.common import ROOT, command
 from benchmarks.figures import compute
-from benchmarks.rows import LEDGER, Rows, read_source
+from benchmarks.rows import LEDGER, read_source
 from egosplat.errors import UserError
 
 # Pages that commands write, and pages of measurements beside those of benchmarks.
@@ -38,7 +38,7 @@ SCORES = (
     ),
 )
 REQUIRED = {"README.md": [f"{HEADLINE} {score}" for score in SCORES]}
-REQUIRED["benchmarks/presence/README.md"] = ["presence fit"]
+REQUIRED["benchmarks/presence/README.md"] = ["presence fit", "0.2.0 presence full right"]
 
 QUOTE = re.compile(r"(?<!`)<!--= (?P<words>[^>]+?) -->(?P<told>.*?)<!--/-->", re.DOTALL)
 
@@ -136,12 +136,13 @@ def _choice(name: str, words: list[str]) -> Iterator[str]:
 @functools.cache
 def history() -> dict[str, str] | None:
     """The date of each commit before this one, by its first eight digits; None where not all of them are known."""
-    if not (ROOT / ".git").exists() or _git("rev-parse", "--is-shallow-repository") != "false\n":
+    if not (ROOT / ".git").exists() or git("rev-parse", "--is-shallow-repository") != "false\n":
         return None
-    return {line[:8]: line[41:] for line in _git("log", "--format=%H %cs").splitlines()}
+    return {line[:8]: line[41:] for line in git("log", "--format=%H %cs").splitlines()}
 
 
-def _git(*words: str) -> str:
+def git(*words: str) -> str:
+    """What git says in the repository; nothing where it fails."""
     run = subprocess.run(["git", "-C", str(ROOT), *words], check=False, capture_output=True, text=True)
     return run.stdout if run.returncode == 0 else ""
 
@@ -156,17 +157,15 @@ def _stamped(date: str, commit: str, text: str) -> str:
     return f"<!--~{date}.{commit}.{digest[:8]}-->{text}<!--/~-->"
 
 
+_rows = functools.cache(read_source)
+
+
 @functools.cache
 def _filled(words: str) -> str:
     source, *rest = words.split()
     told = compute(_rows(source), rest)
     around = "\n" if "\n" in told else ""
     return f"<!--= {words} -->{around}{told}{around}<!--/-->"
-
-
-@functools.cache
-def _rows(source: str) -> Rows:
-    return read_source(source)
 
 
 @command(__doc__)
