@@ -44,7 +44,7 @@ def row(name: str, moves: bool, survey: dict[str, Any]) -> list[object]:
     regions = sum(pair["moving"] > 0 for pair in motion["pairs"])
     lasting = sum(pair["lasting"] > 0 for pair in motion["pairs"])
     known = motion["share"] is not None
-    wrong = known and motion["static"] == moves
+    wrong = known and (motion["share"] >= 5e-4) != moves
     return [
         name,
         "yes" if moves else "no",

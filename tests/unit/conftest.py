@@ -37,7 +37,11 @@ def survey_that_keeps() -> Callable[..., Path]:
     """
 
     def make(folder: Path, kept: list[int], *, static: bool = False) -> Path:
-        motion = {"static": static, "masking": "none" if static else "refined", "share": 0.1 * (not static)}
+        motion = {
+            "verdict": "something moves",
+            "masking": "none" if static else "refined",
+            "share": 0.1 * (not static),
+        }
         motion |= {"fleeting": 0.0, "min_share": 0.008, "voting": 0.7, "noise_px": 0.1, "pairs": []}
         camera = {"pose_residual_px": 0.1, "pose_noise_px": 0.1, "revisits": 0, "refine_poses": False}
         views = {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}

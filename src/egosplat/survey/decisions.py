@@ -9,14 +9,10 @@ from egosplat.geometry import Array
 from egosplat.survey.brightness import exposure_curve
 from egosplat.survey.motion import Motion
 
-# Share of the voting pixels that keeps moving from which something moves: still recordings have 0, moving ones at least
-# 1e-3 (benchmarks/survey).
-_LEAST_SHARE = 5e-4
-# A smaller share is none: in a long recording, less than one track of the smallest region.
-_NO_SHARE = 1e-4
-# More regions that move for fewer than three pairs may be things that pass fast. Errors of flow reach 0.15 %, where poses are
-# off by 1.5 % of the depth too; the one moving recording without lasting regions has 0.24 %.
-_MAX_FLEETING = 2e-3
+# Shares of the voting pixels below which nothing moves: still recordings have 0 that keeps moving, and flow errs up to 0.15 %.
+_LEAST_SHARE, _LEAST_FLEETING = 5e-4, 2e-3
+# Hands at work are seen to move in passing: a quarter of ``min_share`` of such movement is much (benchmarks/survey).
+_OF_FLEETING = 1 / 4
 # Poses are refined if what a correction explains is so many times the noise that it leaves. Revisits see a place from
 # further apart: flow between them errs more, and fewer than two do not tell.
 _LIMIT, _REVISIT_LIMIT, _MIN_REVISITS = 0.7, 1.0, 2
@@ -26,16 +22,15 @@ _MAX_STOPS = 1 / 3
 
 def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
     """The section ``motion`` of survey.json. What cannot be told counts as moving, and is masked."""
-    share, fleeting = motion.share, motion.fleeting
-    if share is not None and fleeting is not None and share < _NO_SHARE and fleeting > _MAX_FLEETING:
-        share = None
+    share, fleeting = finite(motion.share), finite(motion.fleeting)
+    masked = share is None or fleeting is None or share >= min_share or fleeting >= _OF_FLEETING * min_share
     columns = ("moving", "lasting", "voting", "noise_px", "stops")
     return {
-        "static": share is not None and share < _LEAST_SHARE,
-        "masking": "refined" if share is None or share >= min_share else "none",
-        "share": finite(share),
+        "verdict": f"{_tell(share, fleeting)}: transient and masks {'are made' if masked else 'left out'}",
+        "masking": "refined" if masked else "none",
+        "share": share,
         "min_share": min_share,
-        "fleeting": finite(fleeting),
+        "fleeting": fleeting,
         "voting": finite(motion.voting.mean()) if len(motion.pairs) else None,
         "noise_px": finite(median(motion.noise_px)),
         "pairs": [
@@ -43,6 +38,15 @@ def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
             for row, pair in enumerate(motion.pairs.tolist())
         ],
     }
+
+
+def _tell(share: float | None, fleeting: float | None) -> str:
+    """What moves, in words."""
+    if share is None or fleeting is None:
+        return "too little can be compared to tell what moves"
+    if share < _LEAST_SHARE and fleeting <= _LEAST_FLEETING:
+        return f"nothing that stays in view moves, {100 * fleeting:.2f} % of the picture flickers"
+    return f"{100 * share:.2f} % of the picture keeps moving, {100 * fleeting:.2f} % more in passing"
 
 
 def decide_camera(motion: Motion) -> dict[str, Any]:
@@ -55,7 +59,6 @@ def decide_camera(motion: Motion) -> dict[str, Any]:
     # Consecutive frames or revisits, whichever stand out more.
     excess, explained, noise = max(parts, key=lambda found: found[0])
     curve = exposure_curve(motion.pairs, motion.stops)
-    # Of 90 % of the frames.
     stops = float(np.ptp(np.quantile(list(curve.values()), [0.05, 0.95]))) if curve else None
     return {
         "pose_residual_px": finite(explained),

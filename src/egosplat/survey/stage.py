@@ -19,7 +19,7 @@ from egosplat.survey.motion import measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.views import choose_views, median_depths
 
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
@@ -66,12 +66,8 @@ def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any
 
 
 def _log_summary(document: dict[str, Any]) -> None:
-    motion, camera, views = document["motion"], document["camera"], document["views"]
-    if motion["share"] is None:
-        log("motion: cannot be told; masked, so that nothing that moves is trained on")
-    else:
-        verdict = "nothing moves" if motion["static"] else f"{motion['share']:.3%} of the picture moves"
-        log(f"motion: {verdict}; {'masked' if motion['masking'] != 'none' else 'too little to be masked'}")
+    camera, views = document["camera"], document["views"]
+    log(f"motion: {document['motion']['verdict']}")
     refined, compensated = camera["refine_poses"], camera["compensate_exposure"]
     wanted = ["poses are refined"] * refined + ["exposure is compensated"] * compensated
     log(f"camera: {', '.join(wanted) or 'needs no correction'}")

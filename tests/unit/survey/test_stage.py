@@ -29,7 +29,7 @@ def test_a_static_scene_needs_no_masks(scene, trajectory, still):
     folder = scene(trajectory, still)
     survey = surveyed(folder)
     motion = survey["motion"]
-    assert motion["static"] and motion["masking"] == "none" and motion["share"] == 0
+    assert motion["verdict"].startswith("nothing that stays in view moves") and motion["masking"] == "none"
     assert motion["voting"] > 0.3 and motion["noise_px"] < 0.3 and len(motion["pairs"]) == 7
     assert not survey["camera"]["refine_poses"] and not survey["camera"]["compensate_exposure"]
     assert survey["origin"] == survey["provenance"]["origin"] == "synthetic"
@@ -43,7 +43,7 @@ def test_a_moving_scene_needs_masks_above_the_threshold(scene, trajectory, movin
     survey, again = surveyed(folder), surveyed(folder)
     assert all(survey[part] == again[part] for part in ("motion", "views", "poses"))
     motion = survey["motion"]
-    assert not motion["static"] and motion["masking"] == "refined" and motion["share"] > 0.005
+    assert "keeps moving" in motion["verdict"] and motion["masking"] == "refined" and motion["share"] > 0.005
     assert surveyed(folder, min_moving_share=1.0)["motion"]["masking"] == "none"
 
 
@@ -57,7 +57,7 @@ def test_a_scene_without_points_keeps_all_its_frames(scene, trajectory, still):
     none = {"points/xyz": np.zeros((0, 3)), "points/rgb": np.zeros((0, 3), np.uint8)}
     survey = surveyed(scene(trajectory, still, **none))
     assert survey["views"]["left_out"] == [] and survey["views"]["median_depth_m"] is None
-    assert survey["motion"]["static"]
+    assert survey["motion"]["masking"] == "none"
 
 
 def test_later_stages_skip_redundant_training_views(scene, trajectory, still, moving):
