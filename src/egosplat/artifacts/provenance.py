@@ -18,6 +18,7 @@ from typing import Any
 import egosplat
 from egosplat.artifacts.reader import Artifact
 from egosplat.pipeline.code_hash import library_version
+from egosplat.pipeline.process_guards import STARTED_BY
 from egosplat.pipeline.stages import STAGES, code_of
 
 # Attributes of ``Provenance`` of which only ``cost`` tells.
@@ -90,8 +91,7 @@ def begin(
     models: Mapping[str, str] | None = None,
     chosen: str | None = None,
 ) -> Provenance:
-    """Start a ``Provenance`` and its clocks; ``chosen`` is the value by which the stage chooses its module, if it chooses
-    one."""
+    """Start a ``Provenance`` and its clocks; ``chosen`` is the value by which the stage chooses its module, if any."""
     versions = {"egosplat": egosplat.__version__, "python": sys.version.split()[0]}
     return Provenance(
         stage=stage,
@@ -103,7 +103,8 @@ def begin(
         versions=versions | {name: library_version(name) for name in STAGES[stage].libraries},
         created=datetime.now(UTC).isoformat(timespec="seconds"),
         started=time.perf_counter(),
-        started_cpu=cpu_seconds(),
+        # A process that Snakemake started does nothing else: its imports count.
+        started_cpu=0.0 if STARTED_BY in os.environ else cpu_seconds(),
     )
 
 

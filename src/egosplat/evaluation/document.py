@@ -37,7 +37,7 @@ def finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def provenance_entries(run: Provenance, made_from: Lineage, told: Mapping[str, Any]) -> dict[str, Any]:
+def provenance_entries(run: Provenance, made_from: Lineage, **told: Any) -> dict[str, Any]:
     """The entries on what was measured, with which seed and code, from what, and on what the stage was ``told``."""
     frames, splats, record = made_from.found["frames.zarr"], made_from.found["splats.zarr"], run.record()
     times = frames.read("timestamp_ns")

@@ -18,8 +18,7 @@ from egosplat.artifacts.schemas import (
     camera_poses,
     shown_pixels,
 )
-from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, find_queries, instances_of
+from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, instances_of
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
@@ -60,7 +59,7 @@ class Frame:
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """The evaluation frames with their artifacts, the instances by their index in the instance maps, the (H, W) bool ``valid``
-    pixels that show the scene, and (F, 4, 4) float64 poses, NaN without one."""
+    pixels that show the scene, (F, 4, 4) float64 poses, NaN without one, and the array of splats.zarr that holds renders."""
 
     frames_artifact: Artifact
     annotations: Artifact
@@ -70,51 +69,45 @@ class Evaluation:
     valid: Mask
     camera: Camera
     camera_to_world: Array
+    renders: str
 
     def map_of(self, frame: Frame) -> InstanceMap:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return np.where(self.valid, self.annotations.row("instance_map", frame.row), np.int32(-1))
 
-    def find_queries(self, options: ScoringOptions) -> list[Query]:
-        """The queries of the frames with a pose, see ``egosplat.evaluation.queries.find_queries``."""
-        # Without a pose there is no view to render, which is no fault of the answer.
-        asked = {frame.row for frame in self.frames if frame.asked}
-        queries = find_queries(self.annotations, self.valid, options)
-        return [query for query in queries if query.row in asked]
-
-    def rendering_of(
-        self, frame: Frame, render: str | Picture = "held_out/render"
-    ) -> Mapping[str, RegionScore]:
-        """Scores of a held-out frame's render: by group if it is annotated, else of all pixels only.
-
-        Empty for a training frame and for a frame without a pose. ``render`` is the picture, or names the array of splats.zarr.
-        """
+    def rendering_of(self, frame: Frame, picture: Picture | None = None) -> Mapping[str, RegionScore]:
+        """Scores of a held-out frame's render, or of another picture: by group if it is annotated, else of all pixels only; empty for
+        a training frame and for a frame without a pose."""
         if frame.held_out is None:
             return {}
         shown = shown_pixels(self.frames_artifact, frame.index, self.valid)
         groups: Mapping[str, Mask] = {"all": shown}
         if frame.annotated:
             groups = regions(self.map_of(frame), self.instances, shown)
-        picture = self.splats.row(render, frame.held_out) if isinstance(render, str) else render
+        picture = self.splats.row(self.renders, frame.held_out) if picture is None else picture
         return region_scores(picture, self.frames_artifact.row("rgb", frame.index), shown, groups)
 
 
-def read_evaluation(frames: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact) -> Evaluation:
-    """Read the evaluation frames from artifacts that belong together."""
+def read_evaluation(
+    frames: Artifact, poses: Artifact, annotations: Artifact, splats: Artifact, held_out: str = "corrected"
+) -> Evaluation:
+    """Read the evaluation frames from artifacts that belong together, with poses as ``metrics.held_out`` says."""
     _, height, width, _ = frames.shape("rgb")
-    held_out = {frame: row for row, frame in enumerate(splats.read("held_out/frame").tolist())}
+    rendered = {frame: row for row, frame in enumerate(splats.read("held_out/frame").tolist())}
     index = annotations.read("frame")
     flags = annotations.read("annotated"), poses.read("registered")[index], frames.read("train")[index]
+    given = held_out == "given" and splats.has("held_out/render_given")
     rows = enumerate(zip(index.tolist(), np.stack(flags, axis=1).tolist(), strict=True))
     return Evaluation(
         frames_artifact=frames,
         annotations=annotations,
         splats=splats,
-        frames=[Frame(row, frame, *given, held_out=held_out.get(frame)) for row, (frame, given) in rows],
+        frames=[Frame(row, frame, *given, held_out=rendered.get(frame)) for row, (frame, given) in rows],
         instances=instances_of(annotations),
         valid=frames.read("valid"),
         camera=Camera.from_matrix(poses.read("intrinsics"), width, height),
-        camera_to_world=camera_poses(poses, splats),
+        camera_to_world=poses.read("camera_to_world") if given else camera_poses(poses, splats),
+        renders="held_out/render_given" if given else "held_out/render",
     )
 
 
@@ -122,11 +115,10 @@ def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str
     """Number of images with a pixel, mean PSNR and mean SSIM of each of ``GROUPS``, as in ``metrics.json``; NaN without any."""
     summary = {}
     for name in GROUPS:
-        # An image without a dynamic pixel has no score for that group.
         seen = [groups[name] for groups in scores if name in groups and groups[name].pixels]
         ssims = [score.ssim for score in seen if not math.isnan(score.ssim)]
-        means = {"psnr": _mean([score.psnr for score in seen]), "ssim": _mean(ssims)}
-        summary[name] = {"frames": len(seen)} | means
+        psnrs = [score.psnr for score in seen]
+        summary[name] = {"frames": len(seen), "psnr": _mean(psnrs), "ssim": _mean(ssims)}
     return summary
 
 

@@ -51,6 +51,10 @@ class ScoringOptions(Options, section="metrics"):
     """Which pixels are a query's mask. threshold: those above query.segmentation_threshold, as in LangSplat's
     benchmark. classes: those where it is the most relevant of all categories of the recording, as in 3D-OVS's."""
 
+    held_out: Literal["corrected", "given"] = "corrected"
+    """Poses and exposures with which frames are asked and rendered, where training corrects them. corrected: those of a
+    held-out frame are fitted to it. given: those of the recording (docs/method.md#corrected-held-out)."""
+
 
 class MetricsOptions(ScoringOptions, AskingOptions, PresenceOptions, ClipOptions):
     """How a scene is queried and scored."""

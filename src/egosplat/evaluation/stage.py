@@ -1,7 +1,7 @@
 """Stage ``metrics``: query every annotated category, score the answers and the renders."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,9 @@ from egosplat.evaluation.evaluation_frames import (
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
-from egosplat.evaluation.queries import GROUPS, phrases_to_ask
+from egosplat.evaluation.queries import GROUPS, find_queries, phrases_to_ask
 from egosplat.evaluation.scores import ask_of, run_queries
+from egosplat.gaussians.io import read_exposure
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, open_encoded, scene_of
@@ -66,19 +67,20 @@ def run(
     keys = options.as_dict() | asdict(RESAMPLING)
     models = {key: model["hash"] for key, model in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, used, models)
-    evaluation = read_evaluation(frames, poses, annotations, splats)
-    queries = evaluation.find_queries(options)
+    evaluation = read_evaluation(frames, poses, annotations, splats, options.held_out)
+    # Without a pose there is no view to render, which is no fault of the answer.
+    asked = {frame.row for frame in evaluation.frames if frame.asked}
+    queries = [one for one in find_queries(annotations, evaluation.valid, options) if one.row in asked]
     asker = scene.asker(phrases_to_ask(queries, evaluation.instances, options))
     ask = ask_of(evaluation, asker, options.masks)
     answered = list(run_queries(queries, ask, annotations, evaluation.valid, options))
     phrases = presence_phrases(queries, evaluation.instances, options.negatives)
     presence = presence_entry(ask_presence(*phrases, evaluation, scene), options.min_score)
-    without_time = [evaluation.rendering_of(frame) for frame in evaluation.frames]
+    without_time = [*map(evaluation.rendering_of, evaluation.frames)]
     rendering = list(_scores_in_time(evaluation, scene, without_time))
     answers = answer_entries(answered, evaluation, rendering, options.masks)
     overall = answers["scores"]["all"]
     notice, alarms = notice_of_artifacts(used), [*alarms_of(*used), *find_chance_alarm(overall)]
-    told = {"preset": preset, "world_seed": world_seed, "camera": camera}
     document = {
         "scene": title,
         **({} if method is None else {"method": method}),
@@ -89,10 +91,11 @@ def run(
         "presence": presence,
         "length_unit": length_unit(poses),
         **answers,
-        **provenance_entries(record, made_from, told),
+        **provenance_entries(record, made_from, preset=preset, world_seed=world_seed, camera=camera),
     }
     if splats.has("held_out/render_given"):
-        given = [evaluation.rendering_of(frame, "held_out/render_given") for frame in evaluation.frames]
+        own = replace(evaluation, renders="held_out/render_given")
+        given = [*map(own.rendering_of, evaluation.frames)]
         document["rendering_without_corrections"] = summarise_rendering(given)
     if scene.rests is not None:
         document["rendering_without_time"] = summarise_rendering(without_time)
@@ -105,11 +108,12 @@ def _scores_in_time(
     evaluation: Evaluation, scene: Scene, without_time: Sequence[Mapping[str, RegionScore]]
 ) -> Iterator[Mapping[str, RegionScore]]:
     """Scores of each frame's render at its own time (docs/method.md#own-time); where nothing rests then, those without time."""
+    exposure = (None, None) if evaluation.renders.endswith("given") else read_exposure(evaluation.splats)
     for frame, score in zip(evaluation.frames, without_time, strict=True):
         picture = None
         if scene.rests is not None and frame.held_out is not None:
             moment = frame.index, evaluation.camera_to_world[frame.index], float(scene.seconds[frame.index])
-            picture = scene.trained.held_out_at(scene.rests, evaluation.splats, *moment)
+            picture = scene.trained.held_out_at(scene.rests, exposure, *moment)
         yield score if picture is None else evaluation.rendering_of(frame, picture)
 
 

@@ -16,7 +16,7 @@ from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.exposure import expose
-from egosplat.gaussians.io import read_exposure, read_gaussians, read_render_settings
+from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Array, Camera, is_rigid
@@ -62,13 +62,13 @@ class TrainedScene:
 
     @torch.no_grad()
     def held_out_at(
-        self, rests: Rests, splats: Artifact, frame: int, pose: Array, second: float
+        self, rests: Rests, exposure: tuple[Tensor | None, ...], frame: int, pose: Array, second: float
     ) -> NDArray[np.uint8] | None:
-        """(H, W, 3) render of a held-out frame at its time as the stage ``splats`` makes it, with the gains that it fitted if it
-        corrects any; None where nothing rests then."""
+        """(H, W, 3) render of a held-out frame at its time as the stage ``splats`` makes it, with the gains of an exposure of
+        ``read_exposure`` if it has any; None where nothing rests then."""
         if (now := self.at(rests, second)) is self:
             return None
-        log_gain, compression = read_exposure(splats)
+        log_gain, compression = exposure
         colors = now.rendered(now.camera, pose)
         if log_gain is not None:
             colors = expose(colors, log_gain[frame], compression)

@@ -137,14 +137,14 @@ def test_renders_are_scored_where_frames_are_held_out(usual):
     assert usual["rendering"]["dynamic"] == {"frames": 1, "psnr": dynamic["psnr"], "ssim": dynamic["ssim"]}
 
 
-def test_renders_without_corrections_are_scored_beside_those_with(word_scene, usual):
-    """Protects the second figure of held-out frames, which exists only where something was corrected."""
-    assert "rendering_without_corrections" not in usual
-    black = np.zeros((1, 48, 48, 3), np.uint8)
-    found = scored(word_scene(corrections={"held_out/render_given": black}))
-    given = found["rendering_without_corrections"]
-    assert given["dynamic"]["psnr"] < found["rendering"]["dynamic"]["psnr"] - 10.0
-    assert given["all"]["frames"] == found["rendering"]["all"]["frames"] == 1
+def test_a_frame_is_asked_and_rendered_with_the_pose_as_given(word_scene_in, tmp_path, usual):
+    away = np.tile(np.diag([-1.0, 1.0, -1.0, 1.0]), (4, 1, 1))
+    given = {"corrections/camera_to_world": away, "held_out/render_given": np.zeros((1, 48, 48, 3), np.uint8)}
+    word_scene_in(tmp_path, corrections=given)
+    fitted, as_given = (scored(tmp_path, held_out=held_out) for held_out in ("corrected", "given"))
+    assert fitted["scores"]["all"]["accuracy"] < 1 and fitted["rendering"] == usual["rendering"]
+    assert as_given["queries"] == usual["queries"] and "rendering_without_corrections" not in usual
+    assert as_given["rendering"] == fitted["rendering_without_corrections"] != fitted["rendering"]
 
 
 def put_bright(folder, *spans):

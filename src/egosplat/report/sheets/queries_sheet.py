@@ -153,10 +153,7 @@ def _first_of_each(queries: Iterable[ScoredQuery]) -> list[ScoredQuery]:
 
 def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False) -> Scene:
     """Open a finished scene or variant with its annotations; ``in_time`` to ask frames at their own time, if they can be.
-
-    Raises:
-        UserError: as ``open_artifacts``, or the artifacts do not belong together.
-    """
+    UserError: as ``open_artifacts``, or the artifacts do not belong together."""
     frames, poses, splats, *others = open_artifacts(folder)
     annotations = open_artifact(frames.path.with_name("annotations.zarr"), ANNOTATIONS)
     histories = open_histories(folder, splats) if in_time else None
@@ -164,9 +161,9 @@ def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False)
     return scene_of([frames, poses, splats, *others, *more], options)
 
 
-def evaluation_of(scene: Scene) -> Evaluation:
-    """Read the evaluation frames of a scene that was opened with its annotations."""
-    return read_evaluation(*map(scene.artifact, ("frames", "poses", "annotations", "splats")))
+def evaluation_of(scene: Scene, held_out: str = "corrected") -> Evaluation:
+    """Read the evaluation frames of a scene that was opened with its annotations, see ``read_evaluation``."""
+    return read_evaluation(*map(scene.artifact, ("frames", "poses", "annotations", "splats")), held_out)
 
 
 def scoring_options(document: Mapping[str, Any]) -> MetricsOptions:
@@ -186,7 +183,8 @@ def ask_again(
     check_inputs(path, document["provenance"]["inputs"], scene.given)
     if not chosen:
         return
-    evaluation, options = evaluation_of(scene), scoring_options(document)
+    options = scoring_options(document)
+    evaluation = evaluation_of(scene, options.held_out)
     queries = find_queries(evaluation.annotations, evaluation.valid, options)
     asked = {(query.frame, query.category): query for query in queries}
     shown = [asked[query.frame, query.category] for query in chosen]
