@@ -4,7 +4,7 @@ A figure is quoted from rows, ``<!--= SOURCE FIGURE SETTING -->77 % (68 to 85)<!
 topic of benchmarks with rows, and ``benchmarks/figures.py`` has the figures. Or it stands in a dated block,
 ``<!--~2026-11-28.d68c81e0.1f2e3d4c-->a run takes 49 s<!--/~-->``, between date, commit and digest of its text, in which quotes count
 by their words. Outside of both, every number on a page of measurements is a fault, but for names (SAM2) and code. Elsewhere numbers
-of scores and of time are. Not seen: fractions in words, code with a letter, and a digest that was made for a changed text.
+of scores and of CPU time are. Not seen: fractions in words, code with a letter, pictures, and a digest made for a changed text.
 """
 
 import functools
@@ -59,8 +59,8 @@ NUMBER = re.compile(
     re.IGNORECASE,
 )
 SCORE = re.compile(
-    r"<!--[=~/]|\d ?(?:dB|points|CPU-)|\d % (?:found|right)|\d of \d|mIoU(?: of)? \d|\bfinds? \d"
-    r"|\d(?: %)? \([+-]?\d+(?:\.\d+)? to [+-]?\d"
+    r"<!--[=~/]|\d ?(?:dB|points|per ?cent|CPU-)|\d ?% (?:found|right|of (?:the |all )?(?:queries|things|places))"
+    r"|\d of \d|mIoU(?: of)? \d|\bfinds? \d|\d(?: ?%)? \([+-]?\d+(?:\.\d+)? to [+-]?\d"
 )
 
 

@@ -104,7 +104,7 @@ def test_names_code_and_links_are_no_figures(tmp_path):
     "text",
     [
         *("77 % (68 to 85)", "0.45 (0.38 to 0.52)", "-6.1 (-1.4 to +14.3), p = 0.2", "6.1 points", "28.4 dB"),
-        *("a mIoU of 0.47", "it finds 71 % of the queries", "71 % found", "71 of 92", "9 CPU-minutes"),
+        *("a mIoU of 0.47", "it finds 71 % of the queries", "71 % found", "71% of queries", "71 of 92"),
     ],
 )
 def test_another_page_has_no_bare_score(tmp_path, text):
@@ -123,8 +123,9 @@ def test_a_block_is_dated_by_command_and_of_a_commit_of_this_history(tmp_path, m
     changed = page.replace("49", "48")
     assert "--date c0dec0de docs/new.md" in faults_of(tmp_path, "docs/new.md", changed)[0]
     assert quotes.quoted(changed) == changed
-    monkeypatch.setattr(quotes, "history", lambda: {"cafecafe": "2026-01-03"})
-    assert "no such commit" in faults_of(tmp_path, "docs/new.md", page)[0]
+    for known in ({"c0dec0de": "2026-01-03"}, {"cafecafe": "2026-01-03"}):
+        monkeypatch.setattr(quotes, "history", lambda known=known: known)
+        assert "no such commit" in faults_of(tmp_path, "docs/new.md", page)[0]
     assert quotes.dated(page, "cafecafe") == page
     assert quotes.dated(changed, "cafecafe").startswith("<!--~2026-01-03.cafecafe.")
     with pytest.raises(UserError, match="d68c81e0"):
@@ -174,7 +175,6 @@ def test_an_interval_is_that_of_the_rows_by_hand(source):
     mean = np.mean([one.totals.sum() / one.counts.sum() for one in clusters])
     expected = f"{100 * mean:.0f} % ({100 * bounds.low:.0f} to {100 * bounds.high:.0f})"
     assert figures.compute(source, ["accuracy", "full"]) == expected
-    assert re.fullmatch(r"\d+ % \(\d+ to \d+\)", expected)
 
 
 def test_rows_are_never_replaced_and_a_changed_table_is_named(source, tmp_path):
