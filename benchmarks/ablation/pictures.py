@@ -85,8 +85,7 @@ def code_picture(folder: Path, variant: str | None, poses: Artifact, frame: int)
     on_device = (torch.from_numpy(part).to(scene.gaussians.means.device) for part in (colors, share))
     pose = camera_poses(poses, splats)[frame]
     found = render_codes(scene.gaussians, *on_device, scene.camera, pose, scene.settings)
-    coverage = found.coverage[-1].cpu().numpy()
-    return blend(found.codes[-1].cpu().numpy(), coverage)
+    return blend(*(values[-1].cpu().numpy() for values in found))
 
 
 def draw_codes(folder: Path, variants: tuple[str, ...]) -> list[list[tuple[NDArray, str]]]:

@@ -129,25 +129,24 @@ def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
     found: list[list[Tensor]] = [[] for _ in range(code.shape[1])]
     for frame in np.flatnonzero(held_out):
         with torch.no_grad():
-            rendered = render_codes(
+            rendered, _ = render_codes(
                 scene.gaussians, code, share, scene.views.camera, poses[frame], scene.settings
             )
         labels = torch.from_numpy(scene.instances.row("labels", int(frame))).long()
         for level, cosine in enumerate(found):
             known = (labels[level] >= 0) & seen[labels[level]]
             wanted = torch.nn.functional.normalize(features[labels[level][known]], dim=-1)
-            cosine.append((decode(rendered.codes[level][known], scene.decoder) * wanted).sum(-1))
+            cosine.append((decode(rendered[level][known], scene.decoder) * wanted).sum(-1))
     return [float(torch.cat(one).mean()) for one in found]
 
 
 def measure(folder: Path, way: str, iterations: int) -> dict[str, object]:
     """Measure one way in this process."""
     scene = read(folder)
-    found, seconds = time_call(lift, scene.views)
-    code = found.code
+    (code, share), seconds = time_call(lift, scene.views)
     if way != MEANS:
         code, seconds = time_call(codes, scene, way, iterations)
-    return {"seconds": seconds, "peak_mb": peak_memory_mb(), "cosines": cosines(scene, code, found.share)}
+    return {"seconds": seconds, "peak_mb": peak_memory_mb(), "cosines": cosines(scene, code, share)}
 
 
 def row(folder: Path, way: str, iterations: int) -> list[object]:

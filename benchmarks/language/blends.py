@@ -11,24 +11,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from torch import Tensor
 
 from benchmarks.common import command, markdown, scene_folders
 from benchmarks.language.__main__ import read as read_learnt
-from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.language.dominant import lift_instances
-from egosplat.language.lifting import Lifted, lift
-from egosplat.language.method import Coded
+from egosplat.language.lifting import lift
 from egosplat.pipeline.home import title_of
 from egosplat.query.views import Asker
 from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
 from egosplat_rivals.scored_scenes import read_scored_scene
 
 MEANS, ONE = "mean of the codes of its pixels", "code of the instance that it shows most"
-RENDERED = {PIXELS: "codes; pixels are decoded", GAUSSIANS: "relevancies of Gaussians"}
+RENDERED = {"pixels": "codes; pixels are decoded", "gaussians": "relevancies of Gaussians"}
 COLUMNS = (
     "scene",
     "code of a Gaussian",
@@ -50,7 +49,7 @@ class Asked:
     options: MetricsOptions
 
 
-def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
+def read(folder: Path) -> tuple[Asked, dict[str, tuple[Tensor, Tensor]]]:
     """Open a finished scene, and give its Gaussians codes in both ways."""
     learnt, scored = read_learnt(folder), read_scored_scene(folder / "metrics.json")
     options = recorded_options(scored.document["provenance"]["options"])
@@ -58,18 +57,20 @@ def read(folder: Path) -> tuple[Asked, dict[str, Lifted | Coded]]:
     evaluation = evaluation_of(scene)
     queries = evaluation.find_queries(options)
     asker = scene.asker(sorted({query.category for query in queries}))
-    ways = {MEANS: lift(learnt.views), ONE: lift_instances(learnt.views, learnt.targets)}
+    one = lift_instances(learnt.views, learnt.targets)
+    ways = {MEANS: lift(learnt.views), ONE: (one.code, one.share)}
     return Asked(asker, evaluation, queries, options), ways
 
 
 def rows(folder: Path) -> Iterator[tuple[object, ...]]:
     """The rows of one scene."""
     asked, ways = read(folder)
-    for name, codes in ways.items():
-        for decoded, rendered in RENDERED.items():
-            scene = replace(asked.asker.scene, code=codes.code, share=codes.share, decoded=decoded)
+    for name, (code, share) in ways.items():
+        scene = replace(asked.asker.scene, code=code, share=share)
+        for readout, rendered in RENDERED.items():
             begun, evaluation = time.process_time(), asked.evaluation
-            ask = ask_of(evaluation, Asker(scene, asked.asker.texts, asked.options))
+            asker = Asker(scene, asked.asker.texts, asked.options.change(readout=readout))
+            ask = ask_of(evaluation, asker)
             answers = run_queries(asked.queries, ask, evaluation.annotations, evaluation.valid, asked.options)
             found = [answer.groups["all"] for answer in answers]
             spent = time.process_time() - begun

@@ -165,7 +165,7 @@ def _measure(
     own = np.flatnonzero((overlap.covered[:, things] >= LEAST).any(axis=1))
     trained, pose = scene.trained, scene.poses[query["frame"]]
     taken = torch.from_numpy(np.isin(lifted, own).astype(np.float32))[..., None]
-    code = render_codes(trained.gaussians, taken, trained.share, scene.camera, pose, trained.settings).codes
+    code, _ = render_codes(trained.gaussians, taken, trained.share, scene.camera, pose, trained.settings)
     mine, answered = code[..., 0].numpy(), 0.0
     if query["pixel"] is not None:
         column, row = query["pixel"]

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from egosplat.pipeline.scenes import Scene, default_scenes
-from egosplat.pipeline.variants import reaches, variant_config, variant_folder
+from egosplat.pipeline.variants import owner, reaches, variant_config, variant_folder
 
 # Variants that have rows in the tables, in addition to the scene itself.
 ABLATIONS = ("baseline", "no_masks", "network_masks")
@@ -28,8 +28,10 @@ def table_pictures(scenes: Iterable[Scene]) -> list[str]:
 
 
 def compared_methods(scene: Scene) -> list[str]:
-    """Get metrics.json of a scene and of its variants for other methods; empty without any."""
-    methods = scene.config["tables"]["methods"]
+    """Get metrics.json of a scene and of its variants for other methods, each as it is asked first; empty without any."""
+    # What asks the codes of another variant has no codes of its own.
+    names = scene.config["tables"]["methods"]
+    methods = [name for name in names if owner("language", scene.config, name, scene.name) == name]
     return _scores(scene, [None, *methods]) if methods else []
 
 

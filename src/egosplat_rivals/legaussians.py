@@ -11,7 +11,7 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.schemas import TILES
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
-from egosplat.language.lifting import evaluate_everywhere, shares
+from egosplat.language.lifting import shares
 from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.views import CodeViews
@@ -49,14 +49,16 @@ def train_indices(
     tiles.check_has(views.frame)
     codes = QuantizedCodes(views, tiles, options)
     curve = train(codes, len(views), codes.first_phase + options.iterations, options.seed, checkpoint)
-    share = shares(views, evaluate_everywhere(views))
+    share = shares(views)
     stands_in = (
         tiles.stands_in,
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"the loss of {options.pixels:,} pixels of a view, and of as many features a batch",
         "color and geometry fixed, not trained along with it",
     )
-    return Coded(codes.code.detach()[:, None], share, ["quantized"], codes.stored(), curve, stands_in)
+    # Codes start at random, and only their blends are trained: that of one Gaussian is mostly its start.
+    code = codes.code.detach()[:, None]
+    return Coded(code, share, ["quantized"], codes.stored(), curve, stands_in, maps_only=True)
 
 
 def uncertain_loss(entropy: Tensor, uncertainty: Tensor) -> Tensor:

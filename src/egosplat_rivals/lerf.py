@@ -13,7 +13,7 @@ from egosplat.artifacts.schemas import TILES
 from egosplat.geometry import invert
 from egosplat.language.centers import median_depths
 from egosplat.language.decoder import Decoder
-from egosplat.language.lifting import evaluate_everywhere, shares
+from egosplat.language.lifting import shares
 from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.views import CodeViews
@@ -55,7 +55,7 @@ def train_field(
     curve = train(trained, len(views), options.iterations, options.seed, checkpoint)
     scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=views.device)
     code, decoder = evaluate_at_centers(trained, views.gaussians.means, scales, CHANNELS)
-    share = shares(views, evaluate_everywhere(views))
+    share = shares(views)
     weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
         tiles.stands_in + weight,
@@ -65,7 +65,8 @@ def train_field(
         f"{SCALES} scales of a query for 30",
     )
     levels = [f"scale {scale:.2f}" for scale in scales.tolist()]
-    return Coded(code, share.repeat(1, len(levels)), levels, decoder, curve, stands_in)
+    # A field has no Gaussians; it is trained on the surfaces that pixels show, beside which centers lie.
+    return Coded(code, share.repeat(1, len(levels)), levels, decoder, curve, stands_in, maps_only=True)
 
 
 def center_and_unit(positions: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:

@@ -14,8 +14,8 @@ from egosplat.evaluation.scores import CHANCE
 from egosplat.models.suitability import BRIEF
 from egosplat.pipeline.validation import read_document
 
-# Names of the variant in a scene's own folder, of egosplat's own rows, and of data; those of the datasets are the paper's.
-FULL, OWN = "full", "EgoSplat"
+# Names of the variant in a scene's own folder, of the one asked by pixels, of egosplat's own rows, and of data, as in the paper.
+FULL, PIXELS, OWN = "full", "pixels", "EgoSplat"
 NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
 APARTMENTS, VALIDATION_APARTMENTS = "synthetic apartments", "validation apartments"
 
@@ -67,6 +67,11 @@ class ScoredScene:
     def validation(self) -> bool:
         """Whether it is one of ``VALIDATION``."""
         return (self.dataset, self.origin) == ("adt", "synthetic") and self.scene in VALIDATION
+
+    @property
+    def readout(self) -> str:
+        """``query.readout`` of the scores."""
+        return self.document["provenance"]["options"].get("readout", "")
 
     def cell(self, metric: str, group: str) -> Cell:
         """A score in percent, with its interval if it has one; or the accuracy of one of ``CHANCE``, alone."""
@@ -154,7 +159,8 @@ class Series:
     def label(self) -> str:
         """Method, data and checkpoints."""
         by = "egosplat" if self.first.method is None else "reimplemented by egosplat"
-        return f"{self.method} ({by}, {self.about})"
+        asked = ", asked by pixels" if self.first.readout == PIXELS else ""
+        return f"{self.method} ({by}, {self.about}{asked})"
 
 
 def find_series(scenes: Sequence[ScoredScene]) -> list[Series]:

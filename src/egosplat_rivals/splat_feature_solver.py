@@ -34,18 +34,18 @@ def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptio
             'scikit-learn is not installed; it comes with the extra "clusters": pip install "egosplat[clusters]"'
         )
     sharp = replace(views, gaussians=sharpen(views.gaussians))
-    found = lift(sharp)
-    levels = zip(found.code.unbind(1), found.share.unbind(1), strict=True)
+    lifted, lifted_share = lift(sharp)
+    levels = zip(lifted.unbind(1), lifted_share.unbind(1), strict=True)
     labels = torch.stack([clusters_of(code, share, options.seed) for code, share in levels], dim=1)
     means, known = mask_means(sharp, targets, labels)
     # Gaussians in no cluster read the last row, which is never known.
     level = torch.arange(len(targets.levels), device=views.device)
-    code = torch.where(known[level, labels][..., None], means[level, labels], found.code)
+    code = torch.where(known[level, labels][..., None], means[level, labels], lifted)
     code = codes_to_render(code, options.normalize_codes)
     stands_in = ["opacities sharpened where codes are lifted, not where they are rendered"]
     if views.gaussians.count > SAMPLE:
         stands_in.append(f"clusters of {SAMPLE:,} Gaussians, which the others join by their nearest")
-    return Coded(code, found.share, targets.levels, stands_in=tuple(stands_in))
+    return Coded(code, lifted_share, targets.levels, stands_in=tuple(stands_in))
 
 
 def sharpen(gaussians: Gaussians) -> Gaussians:

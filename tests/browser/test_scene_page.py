@@ -10,7 +10,6 @@ import pytest
 import torch
 from PIL import Image
 
-from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
@@ -179,7 +178,7 @@ def test_an_answer_is_that_of_python(scene, data, clip, words):
     code = torch.stack([features[level][index[level]] for level in range(2)], dim=1)
     share = torch.from_numpy(surface.weight > 0).float()
     decoder = Decoder((code.shape[2],), np.zeros(0, np.float32))
-    known = QueryScene(None, None, None, 0, code, share, decoder, GAUSSIANS, facts["levels"])
+    known = QueryScene(None, None, None, 0, code, share, decoder, facts["levels"])
     texts, names = (encode_texts(clip, phrases, options.canonical) for phrases in ([words], facts["words"]))
     grading = grading_of(CLIP_HASH, options)
     evidence = measure_evidence(known, surface, things, texts, names, options.temperature)

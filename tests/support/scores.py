@@ -19,9 +19,5 @@ SETUP = {
         "seed": 1,
         "camera": "ideal",
     },
-    "seed": 0,
-    "preset": "balanced",
-    "commit": "c0de",
-    "clean": True,
-}
+} | {"seed": 0, "preset": "balanced", "commit": "c0de", "clean": True}
 """What was measured, and how."""

@@ -6,7 +6,6 @@ import pytest
 
 from egosplat_rivals.scored_scenes import read_scored_scene
 from egosplat_rivals.tables.paper_numbers import in_a_table
-from egosplat_rivals.tables.paper_tables import stands_in
 
 SCENE = "results/adt/scene1"
 VARIANT = f"{SCENE}/variants"
@@ -26,7 +25,7 @@ def test_a_variant_makes_only_what_its_keys_change(unchanged, target, expected):
     assert unchanged.stale(f"{VARIANT}/{target}") == expected
 
 
-METHODS = {"langsplat": "LangSplat", "occam": "Occam's LGS"}
+METHODS = {"langsplat": "LangSplat", "occam": "Occam's LGS", "occam_pixels": "Occam's LGS"}
 
 
 @pytest.mark.slow
@@ -37,7 +36,8 @@ def test_methods_end_in_scores_that_the_tables_place(workdir):
     assert done.returncode == 0, done.stdout + done.stderr
     for name, method in METHODS.items():
         scored = read_scored_scene(workdir.folder / scores[name])
-        assert scored.method == method and in_a_table(scored) and stands_in(scored)
+        assert scored.method == method and in_a_table(scored) and scored.document["stands_in"]
+        assert (scored.readout == "pixels") == name.endswith("pixels")
     assert workdir.stale(*scores.values()) == set()
     codes = f"{VARIANT}/occam/language.zarr"
     shutil.rmtree(workdir.folder / codes)

@@ -245,10 +245,6 @@ TILES = table(f"""
 """)
 
 
-# The fact ``decoded``: queries decode the code of each Gaussian and render relevancies, or they render codes and decode
-# pixels. Trained codes are right where they are rendered; the code of a single one of these Gaussians means nothing.
-GAUSSIANS, PIXELS = "gaussians", "pixels"
-
 # ``language.zarr``: a code for each Gaussian of ``splats.zarr`` and each level.
 LANGUAGE = table("""
     language, version 1

@@ -60,6 +60,8 @@ def run(
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
     artifacts = list(map(open_artifact, paths, SCORED))
     frames, poses, annotations, splats, language = artifacts
+    if language.facts.get("maps_only"):
+        options = options.change(readout="pixels")
     encoded = open_encoded(features_path, tiles_path)
     tracked = () if histories_path is None else (open_artifact(histories_path, HISTORIES),)
     scene = scene_of([*artifacts, encoded, *tracked], options)

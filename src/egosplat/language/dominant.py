@@ -5,7 +5,6 @@ import torch
 from numpy.typing import NDArray
 from scipy import sparse
 
-from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.language.lifting import labeled_share
 from egosplat.language.method import Coded, Method
 from egosplat.language.targets import CodeTargets
@@ -29,7 +28,7 @@ def lift_instances(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
         code[:, level], known[:, level] = mean_of_dominant(votes[:, rows], instance[rows], codes[rows])
     share = labeled_share(torch.from_numpy(known), torch.from_numpy(seen)[:, None])
     code = torch.where(share[..., None] > 0, torch.from_numpy(code), 0.0)
-    return Coded(code.to(views.device), share.to(views.device), targets.levels, decoded=GAUSSIANS)
+    return Coded(code.to(views.device), share.to(views.device), targets.levels)
 
 
 def mean_of_dominant(

@@ -15,7 +15,7 @@ def copy_joint_codes(views: CodeViews, levels: Sequence[str], stored: NDArray) -
 
     ``stored`` is (N, L * C) float32, ``features`` of splats.zarr.
     """
-    share = lift(views).share
+    _, share = lift(views)
     code = torch.from_numpy(stored).to(share.device).unflatten(1, (len(levels), -1))
     return Coded(code, share, list(levels))
 

@@ -1,7 +1,7 @@
 """Closed-form lifting: each Gaussian gets the rendering-weighted mean code of its pixels (docs/method.md#mean-codes)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -15,16 +15,10 @@ from egosplat.rasterize.view import sum_over_pixels
 _LEAST_WEIGHT = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
-class Lifted:
-    """Codes (N, L, C) and shares (N, L) of N Gaussians at L levels, as in language.zarr."""
-
-    code: Tensor
-    share: Tensor
-
-
-def lift(views: CodeViews) -> Lifted:
+def lift(views: CodeViews) -> tuple[Tensor, Tensor]:
     """Average codes over all views, at least one: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
+
+    (N, L, C) codes and (N, L) shares of N Gaussians at L levels, as in language.zarr.
 
     w is alpha times transmittance times 1 - M. A Gaussian that no view shows has share 0.
     """
@@ -42,7 +36,7 @@ def lift(views: CodeViews) -> Lifted:
     code, known, shown = sums.split([levels * channels, levels, 1], dim=1)
     # 0 where the weight is negligible.
     mean = code.unflatten(1, (levels, channels)) / known.clamp(min=_LEAST_WEIGHT)[..., None]
-    return Lifted(torch.where((known > _LEAST_WEIGHT)[..., None], mean, 0.0), labeled_share(known, shown))
+    return torch.where((known > _LEAST_WEIGHT)[..., None], mean, 0.0), labeled_share(known, shown)
 
 
 def _pixels(targets: Targets, weight: Tensor | None) -> Tensor:
@@ -58,20 +52,15 @@ def _pixels(targets: Targets, weight: Tensor | None) -> Tensor:
     return pixels
 
 
-def shares(views: CodeViews, known: Callable[[int], Tensor]) -> Tensor:
-    """(N, L) shares alone, see ``Lifted``; ``known`` gives the (L, H, W) bool pixels of a frame with a target."""
+def shares(views: CodeViews, known: Callable[[int], Tensor] | None = None) -> Tensor:
+    """(N, L) shares alone, see ``lift``; ``known`` gives the (L, H, W) bool pixels of a frame with a target, None all at one level."""
+    everywhere = torch.ones(1, views.camera.height, views.camera.width, dtype=torch.bool, device=views.device)
 
     def without_codes(frame: int) -> Targets:
-        pixels = known(frame)
+        pixels = known(frame) if known else everywhere
         return Targets(pixels.new_zeros(len(pixels), 0, *pixels.shape[1:], dtype=torch.float32), pixels)
 
-    return lift(replace(views, targets=without_codes)).share
-
-
-def evaluate_everywhere(views: CodeViews) -> Callable[[int], Tensor]:
-    """For ``shares``: one level, which every pixel has."""
-    shape = (1, views.camera.height, views.camera.width)
-    return lambda _: torch.ones(shape, dtype=torch.bool, device=views.device)
+    return lift(replace(views, targets=without_codes))[1]
 
 
 def labeled_share(known: Tensor, seen: Tensor) -> Tensor:

@@ -8,11 +8,12 @@ from torch import Tensor, device
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Schema
-from egosplat.artifacts.schemas import FEATURES, INSTANCES, PIXELS
+from egosplat.artifacts.schemas import FEATURES, INSTANCES
 from egosplat.language.decoder import Decoder
 from egosplat.language.targets import CodeTargets
 
-_SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
+# By value of ``segments.segmenter``.
+SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Coded:
         decoder: from codes to features, where the method learns its own; else that of features.zarr.
         curve: empty if nothing is trained.
         stands_in: short sentences, each on a part of the published method that something else replaces.
-        decoded: what queries decode, see ``egosplat.artifacts.schemas``.
+        maps_only: no Gaussian has a code of its own: queries read rendered codes, whatever ``query.readout`` is.
     """
 
     code: Tensor
@@ -43,7 +44,7 @@ class Coded:
     decoder: Decoder | None = None
     curve: Curve = field(default_factory=Curve)
     stands_in: tuple[str, ...] = ()
-    decoded: str = PIXELS
+    maps_only: bool = False
 
 
 def open_code_targets(learnt_from: Sequence[Artifact], frames: Artifact, device: device) -> CodeTargets:
@@ -68,7 +69,3 @@ class Method:
     learns_from: tuple[Schema, ...] = (INSTANCES, FEATURES)
     open_targets: Callable[[Sequence[Artifact], Artifact, device], Any] = open_code_targets
     masks: str = ""
-
-    def list_stand_ins(self, segmenter: str) -> list[str]:
-        """List what stands in for the masks of the published method, by value of ``segments.segmenter``."""
-        return [self.masks.format(_SEGMENTERS[segmenter])] if self.masks else []

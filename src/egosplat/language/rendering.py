@@ -1,7 +1,5 @@
 """Render codes of Gaussians: alpha compositing, as for colors, weighted by share."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -16,17 +14,6 @@ from egosplat.rasterize.view import composite
 _LEAST_COVERAGE = 1e-6
 
 
-@dataclass(frozen=True, eq=False)
-class RenderedCodes:
-    """Code image at L levels: (L, H, W, C) float32 weighted means, 0 where the coverage is 0.
-
-    ``coverage`` is (L, H, W) float32 in [0, 1], accumulated compositing weight times share.
-    """
-
-    codes: Tensor
-    coverage: Tensor
-
-
 def render_codes(
     gaussians: Gaussians,
     code: Tensor,
@@ -34,8 +21,12 @@ def render_codes(
     camera: Camera,
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
-) -> RenderedCodes:
-    """Render (N, L, C) codes and (N, L) shares of language.zarr; other arguments as of ``gaussians.render.view_of``."""
+) -> tuple[Tensor, Tensor]:
+    """Render (N, L, C) codes and (N, L) shares of language.zarr; other arguments as of ``gaussians.render.view_of``.
+
+    (L, H, W, C) float32 weighted means, 0 where the coverage is 0; and (L, H, W) float32 coverage in [0, 1], accumulated
+    compositing weight times share.
+    """
     count, levels, channels = code.shape
     # A Gaussian counts by compositing weight times share: without labeled pixels it has no influence.
     values = torch.cat([(code * share[..., None]).reshape(count, -1), share], dim=1)
@@ -46,4 +37,4 @@ def render_codes(
     # Decoders have biases, so the sum must be divided by its weight before it is decoded (docs/method.md#code-weight).
     covered = (coverage > _LEAST_COVERAGE)[..., None]
     codes = torch.where(covered, sums / coverage.clamp(min=_LEAST_COVERAGE)[..., None], 0.0)
-    return RenderedCodes(codes, coverage)
+    return codes, coverage

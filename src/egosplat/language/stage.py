@@ -19,7 +19,7 @@ from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.decoder import decoder_metadata
-from egosplat.language.method import Coded, Method
+from egosplat.language.method import SEGMENTERS, Coded, Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
@@ -81,8 +81,9 @@ def run(
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"
     if given := splats.facts.get("source"):
         geometry = f"geometry of {given['file']}"
-    stands_in = [*method.list_stand_ins(options.segmenter), *coded.stands_in, geometry]
-    facts = {"method": name, "decoded": coded.decoded, "views": len(views), "stands_in": stands_in}
+    masks = [method.masks.format(SEGMENTERS[options.segmenter])] if method.masks else []
+    stands_in = [*masks, *coded.stands_in, geometry]
+    facts = {"method": name, "maps_only": coded.maps_only, "views": len(views), "stands_in": stands_in}
     _write(output, record, coded, facts)
     checkpoint.remove()
 

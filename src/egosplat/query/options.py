@@ -1,6 +1,6 @@
 """Options of queries, with the values of LangSplat's protocol."""
 
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field
 
@@ -19,14 +19,19 @@ MOST = 3
 class QueryOptions(Options, section="query"):
     """Answers to text queries, in the benchmark and in egosplat query."""
 
+    readout: Annotated[Literal["gaussians", "pixels"], READING] = "gaussians"
+    """What a view is asked by. gaussians: the relevancy of each Gaussian is rendered, and a mask is what those above
+    the threshold fill. pixels: codes are rendered and pixels decoded, LangSplat's way and its masks. Methods that
+    yield maps only are always read by pixels (docs/method.md#query-views)."""
+
     box_filter: Annotated[Share, READING] = 0.0213
     """Side of the box filter that averages relevancy, as a fraction of the frame's longer side; 0 is none.
     LangSplat's 30 pixels are 0.0213 of the paper's 1408. Larger finds large objects more reliably and small ones
     less."""
 
     segmentation_threshold: Annotated[float, Field(ge=0, lt=1), READING] = 0.7
-    """Relevancy above which a pixel, or a Gaussian of lifted codes, belongs to the mask, after scaling the frame's
-    relevancy to 0..1. LangSplat uses 0.7 (docs/method.md#segmentation-threshold). Higher makes smaller masks."""
+    """Relevancy above which a Gaussian, or a pixel, belongs to the mask, after scaling the frame's relevancy to 0..1.
+    LangSplat uses 0.7 (docs/method.md#segmentation-threshold). Higher makes smaller masks."""
 
     majority_filter: Annotated[Share, READING] = 0.005
     """Side of the majority filter on masks, as a fraction of the frame's longer side; 0 is none. LangSplat's 7

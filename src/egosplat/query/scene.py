@@ -11,7 +11,6 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.schemas import PIXELS
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.gaussians.device import training_device
@@ -78,13 +77,13 @@ class TrainedScene:
 @dataclass(frozen=True, eq=False)
 class QueryScene(TrainedScene):
     """A trained scene whose Gaussians have a code and a share, (N, L, C) and (N, L) float32 on their device, at L levels;
-    ``decoded`` is what queries of a view decode, see ``egosplat.artifacts.schemas``."""
+    of ``maps_only`` codes see ``egosplat.language.method.Coded``."""
 
     code: Tensor
     share: Tensor
     decoder: Decoder
-    decoded: str
     levels: Sequence[str]
+    maps_only: bool = False
 
     def relevancy(self, texts: Texts, temperature: float) -> Tensor:
         """(Q, L, N) float32 in [0, 1]: relevancy of each Gaussian's own code to all queries; 0 without a code."""
@@ -112,8 +111,8 @@ def read_scene(splats: Artifact, language: Artifact, encoded: Artifact, backend:
         code=torch.from_numpy(language.read("code")).to(device),
         share=torch.from_numpy(language.read("share")).to(device),
         decoder=read_scene_decoder(language, encoded),
-        decoded=language.facts.get("decoded", PIXELS),
         levels=language.facts["levels"],
+        maps_only=language.facts.get("maps_only", False),
     )
 
 

@@ -1,5 +1,5 @@
-"""Answer queries in one view (docs/method.md#query-views): where codes of single Gaussians mean something, their relevancies are
-rendered, and a mask is what Gaussians of a large relevancy fill; else codes are rendered, and each pixel is compared."""
+"""Answer queries in one view, by ``query.readout`` (docs/method.md#query-views): relevancies of Gaussians are rendered, and a mask is
+what those above the threshold fill; or codes are rendered, and each pixel is compared."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +10,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import render
 from egosplat.gaussians.render import view_of as gaussians_in
@@ -71,7 +70,7 @@ class Asker:
     ) -> None:
         self.scene, self.texts, self.options = scene, texts, options
         self.own = self.rests = None
-        if scene.decoded == GAUSSIANS:
+        if options.readout == "gaussians" and not scene.maps_only:
             self.own, self.rests = scene.relevancy(texts, options.temperature).permute(2, 1, 0), rests
         if self.rests is not None:
             feature = self.rests.feature
@@ -120,10 +119,10 @@ def view_of(
 ) -> View:
     """Render the codes and the depth of one view; arguments as of ``Asker.ask``, ``resolution`` as in ``QueryOptions``."""
     place = rendering_camera(camera, resolution), camera_to_world, scene.settings
-    codes = render_codes(scene.gaussians, scene.code, scene.share, *place)
+    codes, coverage = render_codes(scene.gaussians, scene.code, scene.share, *place)
     depth, _, _ = render(scene.gaussians, *place, sh_degree=0, background=None, render_mode="ED")
     shown = np.ones((camera.height, camera.width), bool) if valid is None else valid
-    return View(codes.codes, codes.coverage, depth[..., 0], camera, camera_to_world, shown, scene.levels)
+    return View(codes, coverage, depth[..., 0], camera, camera_to_world, shown, scene.levels)
 
 
 def answer_from_codes(

@@ -110,8 +110,8 @@ def to_csv(table: Layout) -> str:
 
     Columns: ``kind`` is ``printed``, ``real`` or ``synthetic``; ``percent``, ``low`` and ``high`` are a score and its
     interval [%]; ``queries`` and ``categories`` are their numbers; ``scenes`` are the scenes of a measured average;
-    ``steps`` are the enabled components of an ablation; ``cpu_min`` and ``memory_gib`` are the row's cost of a scene;
-    ``stands_in`` is what replaces parts of a method.
+    ``readout`` is ``query.readout``; ``steps`` are the enabled components of an ablation; ``cpu_min`` and ``memory_gib``
+    are the row's cost of a scene; ``stands_in`` is what replaces parts of a method.
     """
     lines = pd.DataFrame(
         _csv_line(table, row, *pair)
@@ -132,6 +132,7 @@ def _csv_line(table: Layout, row: Row, column: tuple[str, str, str], cell: Cell)
         "data": row.data,
         "checkpoints": _harmless(row.checkpoints),
         "variant": row.variant,
+        "readout": row.readout,
         "notice": row.notice,
         "steps": "; ".join(name for name, used in zip(table.components, row.steps, strict=True) if used),
         **dict(zip(("scene", "metric", "group"), column, strict=True)),

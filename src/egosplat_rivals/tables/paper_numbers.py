@@ -113,10 +113,6 @@ def in_a_table(scene: ScoredScene) -> bool:
         layout.dataset == scene.dataset
         and scene.scene in scenes_of(layout, scene.validation)
         # Other methods have rows in all tables but ablations of EgoSplat.
-        and (
-            scene.variant in {one for one, _ in layout.lines.values()}
-            if scene.method is None
-            else not layout.components
-        )
+        and (scene.variant in layout.variants if scene.method is None else not layout.components)
         for layout in LAYOUTS
     )

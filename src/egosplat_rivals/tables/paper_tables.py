@@ -13,6 +13,7 @@ from egosplat_rivals.scored_scenes import (
     FULL,
     NAMES,
     OWN,
+    PIXELS,
     VALIDATION,
     VALIDATION_APARTMENTS,
     Cell,
@@ -26,6 +27,10 @@ from egosplat_rivals.tables.table import AVERAGE, PRINTED, REAL, SYNTHETIC, Layo
 INTERVALS = (
     "Intervals are for other categories, and for averages also for other scenes. Categories are resampled, not queries, "
     "because the queries of one category show one thing in several frames. A score of a single category has no interval."
+)
+READOUTS = (
+    "Rows asked by pixels blend codes, decode each pixel and cut masks at LangSplat's relative threshold; the others render "
+    "relevancies of Gaussians, and a mask is what those above the threshold fill by half. Compare rows asked alike."
 )
 
 
@@ -96,10 +101,9 @@ def _measured_rows(layout: Layout, series: Sequence[Series]) -> list[Row]:
 def _block(layout: Layout, title: str, series: Sequence[Series]) -> Iterator[Row]:
     """Rows of one block in the paper's order, empty without scores, methods that it lacks, then the chance level."""
     # EgoSplat's series belong to the line of their variant, others to that of their method.
-    lines = {variant: line for line, (variant, _) in layout.lines.items()}
     own: dict[str | None, list[Series]] = {}
     for one in series:
-        own.setdefault(one.first.method or lines.get(one.first.variant), []).append(one)
+        own.setdefault(one.first.method or layout.variants.get(one.first.variant), []).append(one)
     own.pop(None, None)
     if not own:
         return
@@ -128,6 +132,8 @@ def _chance_rows(layout: Layout, title: str, series: Sequence[Series]) -> Iterat
 
 def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) -> Row:
     scenes = _scenes_of(layout, series)
+    # EgoSplat's own sentences are on its geometry alone.
+    documents = (scene.document for scene in scenes.values() if scene.method is not None)
     return Row(
         series.first.origin,
         title,
@@ -140,13 +146,9 @@ def _row(layout: Layout, title: str, steps: tuple[bool, ...], series: Series) ->
         variant=series.first.variant,
         notice=series.notice,
         cost=_mean_cost(scenes.values()),
-        stands_in=tuple(dict.fromkeys(text for scene in scenes.values() for text in stands_in(scene))),
+        stands_in=tuple(dict.fromkeys(text for one in documents for text in one.get("stands_in", ()))),
+        readout=series.first.readout,
     )
-
-
-def stands_in(scene: ScoredScene) -> Sequence[str]:
-    """Sentences on what replaces a part of another method; none for EgoSplat."""
-    return () if scene.method is None else scene.document.get("stands_in", ())
 
 
 def _mean_cost(scenes: Iterable[ScoredScene]) -> tuple[float, float] | None:
@@ -194,6 +196,8 @@ def _remarks(rows: Sequence[Row]) -> Iterator[str]:
     yield from map(_sentence, dict.fromkeys(row.notice for row in rows if row.notice))
     if any(cell.interval for row in rows for cell in row.cells):
         yield INTERVALS
+    if any(row.readout == PIXELS for row in rows):
+        yield READOUTS
     for _, own in blocks(rows):
         data = own[0].data
         if len({row.scenes for row in own if row.scenes}) > 1:
@@ -206,7 +210,8 @@ def _presence_remarks(layout: Layout, series: Sequence[Series]) -> Iterator[str]
     """Notes on the answers of each row to queries of present and absent things, in tables with accuracies."""
     if not any(metric == "accuracy" for _, metric, _ in layout.columns):
         return
-    for one in series:
+    # What asks the codes of another variant by pixels asks the whole scene as it does.
+    for one in (one for one in series if not one.first.variant.endswith(PIXELS)):
         if summary := _presence_summary(_scenes_of(layout, one).values()):
             variant = "" if one.first.variant == FULL else f", {one.first.variant}"
             yield f"{one.label}{variant}: {summary}."

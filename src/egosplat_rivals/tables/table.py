@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from egosplat.evaluation.scores import CHANCE
-from egosplat_rivals.scored_scenes import Cell
+from egosplat_rivals.scored_scenes import FULL, PIXELS, Cell
 
 # Kinds of rows: printed in the paper, measured on recordings, measured on synthetic apartments. Name of the average in place
 # of a scene.
@@ -37,6 +37,7 @@ class Row:
         cost: mean over its scenes of the CPU time of all threads [min] and of the largest memory [GiB], from the frames to
             the codes; None for a printed row, or if it is not known.
         stands_in: sentences on what replaces a part of the method.
+        readout: ``query.readout`` of a measured row.
     """
 
     kind: str
@@ -53,6 +54,7 @@ class Row:
     notice: str = ""
     cost: tuple[float, float] | None = None
     stands_in: tuple[str, ...] = ()
+    readout: str = ""
 
     @property
     def scenes(self) -> tuple[str, ...]:
@@ -83,6 +85,12 @@ class Layout:
     components: tuple[str, ...] = ()
     rows: tuple[Row, ...] = ()
     notes: tuple[Note, ...] = ()
+
+    @property
+    def variants(self) -> dict[str, str]:
+        """Line of each variant of EgoSplat that the table shows."""
+        lines = {variant: line for line, (variant, _) in self.lines.items() if variant}
+        return lines if self.components else lines | {PIXELS: lines[FULL]}
 
     @property
     def has_costs(self) -> bool:

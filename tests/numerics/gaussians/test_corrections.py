@@ -5,12 +5,7 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from egosplat.gaussians.corrections import (
-    COLUMNS,
-    applied,
-    corrected,
-    make_corrections,
-)
+from egosplat.gaussians.corrections import COLUMNS, applied, corrected, make_corrections
 from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import from_points

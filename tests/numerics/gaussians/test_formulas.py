@@ -14,14 +14,7 @@ from egosplat.gaussians.density_control import reset_opacities
 from egosplat.gaussians.initialization import SH_C0, from_points, neighbor_distance
 from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
 from egosplat.gaussians.model import Gaussians, rotation_matrices
-from egosplat.gaussians.optimizer import (
-    BETA1,
-    BETA2,
-    EPS,
-    Adam,
-    LearningRates,
-    adam_step,
-)
+from egosplat.gaussians.optimizer import BETA1, BETA2, EPS, Adam, LearningRates, adam_step
 
 SIZE = 20
 

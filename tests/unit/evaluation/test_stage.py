@@ -34,25 +34,41 @@ def usual(word_scene_in, tmp_path_factory):
     return scored(word_scene_in(tmp_path_factory.mktemp("usual")))
 
 
-def test_codes_from_tiles_are_scored_without_features(word_scene):
+def test_maps_from_tiles_are_scored_by_pixels_and_without_features(word_scene, usual):
     """Protects the text encoder, which is then that of the tiles, and the decoder, that of language.zarr."""
     folder = word_scene()
     language = open_artifact(folder / "language.zarr", LANGUAGE)
     clip = open_artifact(folder / "features.zarr", FEATURES).facts["clip"]
     arrays = {name: language.read(name) for name in ("code", "share")}
+    channels, count = arrays["code"].shape[2], len(arrays["code"])
     arrays["decoder/values"] = np.zeros(0, np.float32)
-    facts = language.facts | {"decoder": {"widths": [arrays["code"].shape[2]]}}
+    facts = language.facts | {"decoder": {"widths": [channels]}, "method": "field", "maps_only": True}
+    by_pixels = scored(folder, readout="pixels")
     for name in ("features", "language"):
         shutil.rmtree(folder / f"{name}.zarr")
     put(folder, "tiles", {}, {"clip": clip}, made_from=["frames"])
     put(folder, "language", arrays, facts, made_from=["frames", "poses", "tiles", "splats"])
     names = [name for name in ARTIFACTS if name != "features"]
     found = scored(folder, [*names, "tiles"], {"method": "LERF"})
-    assert found["scores"]["all"]["accuracy"] == 1.0 and "views" not in found["counts"]
-    assert found["counts"]["gaussians"] == len(arrays["code"])
+    assert found["queries"] == by_pixels["queries"] != usual["queries"] and "views" not in found["counts"]
+    assert found["provenance"]["options"]["readout"] == "pixels" and found["counts"]["gaussians"] == count
     assert set(found["artifacts"]) == {f"{name}.zarr" for name in (*names, "tiles")}
     with pytest.raises(UserError, match="give --features or --tiles"):
         score(folder, names)
+
+
+@pytest.mark.parametrize("readout", ["gaussians", "pixels"])
+def test_equal_codes_answer_alike_by_whatever_method(word_scene, usual, readout):
+    folder = word_scene()
+    language = open_artifact(folder / "language.zarr", LANGUAGE)
+    arrays, facts = {name: language.read(name) for name in ("code", "share")}, language.facts
+    before = scored(folder, readout=readout)
+    shutil.rmtree(folder / "language.zarr")
+    made_from = ["frames", "poses", "features", "splats"]
+    put(folder, "language", arrays, facts | {"method": "center"}, made_from=made_from)
+    found = scored(folder, told={"method": "Occam's LGS"}, readout=readout)
+    assert found["queries"] == before["queries"] and found["provenance"]["options"]["readout"] == readout
+    assert (found["queries"] == usual["queries"]) == (readout == "gaussians")
 
 
 def test_with_the_words_exchanged_every_answer_is_wrong(word_scene, monkeypatch):
@@ -154,7 +170,7 @@ def put_bright(folder, *spans):
         "rests/thing": np.zeros(count, np.int32),
         "rests/from_frame": first,
         "rests/until_frame": last,
-        "things/feature": np.zeros((int(count > 0), 8), np.float32),
+        "things/feature": np.zeros((int(count > 0), 128), np.float32),
         "gaussians/rest": np.arange(count, dtype=np.int32),
         "gaussians/means": np.tile(np.float32([0.5, 0, 1.5]), (count, 1)),
         "gaussians/quats": np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
@@ -166,9 +182,9 @@ def put_bright(folder, *spans):
     return folder, (*ARTIFACTS, "histories")
 
 
-@pytest.mark.parametrize("spans", [(), ((0, 0), (2, 3))])
+@pytest.mark.parametrize("spans", [(), ((0, 0), (3, 3))])
 def test_where_nothing_rests_scores_are_those_without_time(word_scene, usual, spans):
-    """Frame 1 alone is held out."""
+    """Frames 1 and 2 are asked, and 1 alone is held out."""
     found = scored(*put_bright(word_scene(), *spans))
     assert "rendering_without_time" not in usual
     assert found["rendering_without_time"] == found["rendering"] == usual["rendering"]
@@ -254,7 +270,7 @@ def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scen
 def test_masks_of_classes_share_the_pixels_of_a_frame(word_scene, usual):
     """Couch and cup fill one half each; what nobody labels would be wrong."""
     found = scored(word_scene(), masks="classes")
-    assert "pixel_accuracy" not in usual and found["pixel_accuracy"] > 0.9
+    assert "pixel_accuracy" not in usual and found["pixel_accuracy"] > 0.85
     assert found["scores"]["all"]["accuracy"] == usual["scores"]["all"]["accuracy"]
     assert all(query["mask_level"] == query["level"] for query in found["queries"])
     pixels = [query["mask_pixels"] for query in found["queries"]]

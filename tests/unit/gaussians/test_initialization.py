@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.gaussians.initialization import (
-    SH_C0,
-    from_points,
-    random_points,
-    seen,
-)
+from egosplat.gaussians.initialization import SH_C0, from_points, random_points, seen
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera, invert, make_pose, transform
 

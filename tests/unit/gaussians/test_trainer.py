@@ -12,12 +12,7 @@ from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import STOCK, TrainingOptions
-from egosplat.gaussians.trainer import (
-    TrainingState,
-    ViewSets,
-    draw_background,
-    resume_and_train,
-)
+from egosplat.gaussians.trainer import TrainingState, ViewSets, draw_background, resume_and_train
 from tests.support.gaussian_scene import views_of
 
 OPTIONS = TrainingOptions(

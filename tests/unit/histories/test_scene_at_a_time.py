@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.errors import UserError
 from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
@@ -37,7 +36,7 @@ def balls(*places):
 def scene() -> QueryScene:
     """A ball on the left that is the wall, at both levels."""
     codes = torch.eye(4)[:1, None].repeat(1, 2, 1), torch.ones(1, 2), Decoder((4,), np.zeros(0, np.float32))
-    return QueryScene(balls((-0.5, 0, 2)), SETTINGS, CAMERA, 0, *codes, GAUSSIANS, ["part", "whole"])
+    return QueryScene(balls((-0.5, 0, 2)), SETTINGS, CAMERA, 0, *codes, ["part", "whole"])
 
 
 def rests_of(*spans):
@@ -57,8 +56,10 @@ def test_a_rest_holds_from_its_first_to_its_last_frame():
     assert rests_of().at(1).tolist() == []
 
 
-def answers(scene, rests, second=1.0):
-    return list(Asker(scene, TEXTS, OPTIONS, rests).ask(TEXTS.phrases, CAMERA, EYE, None, second))
+def answers(scene, rests, second=1.0, **keys):
+    return list(
+        Asker(scene, TEXTS, OPTIONS.change(**keys), rests).ask(TEXTS.phrases, CAMERA, EYE, None, second)
+    )
 
 
 def test_what_lies_there_answers_at_its_time_and_hides_what_is_behind(scene):
@@ -73,19 +74,19 @@ def test_what_lies_there_answers_at_its_time_and_hides_what_is_behind(scene):
 
 
 @pytest.mark.parametrize(
-    "decoded, rests, second",
+    "readout, rests, second",
     [
-        (GAUSSIANS, rests_of((1, 2)), 3.0),
-        (GAUSSIANS, rests_of((1, 2)), None),
-        (GAUSSIANS, rests_of(), 1.0),
+        ("gaussians", rests_of((1, 2)), 3.0),
+        ("gaussians", rests_of((1, 2)), None),
+        ("gaussians", rests_of(), 1.0),
         # A thing's feature is no code of theirs.
-        (PIXELS, rests_of((1, 2)), 1.5),
+        ("pixels", rests_of((1, 2)), 1.5),
     ],
 )
-def test_without_a_rest_at_a_time_answers_are_those_without_time(scene, decoded, rests, second):
+def test_without_a_rest_at_a_time_answers_are_those_without_time(scene, readout, rests, second):
     """To the bit: a scene's scores must not change where nothing rests."""
-    scene = replace(scene, decoded=decoded)
-    for one, other in zip(answers(scene, None, None), answers(scene, rests, second), strict=True):
+    pairs = (answers(scene, *at, readout=readout) for at in ((None, None), (rests, second)))
+    for one, other in zip(*pairs, strict=True):
         assert (one.score, one.pixel, one.level) == (other.score, other.pixel, other.level)
         np.testing.assert_array_equal(one.relevancy, other.relevancy)
         np.testing.assert_array_equal(one.mask, other.mask)

@@ -5,7 +5,6 @@ import pytest
 import torch
 from scipy import sparse
 
-from egosplat.artifacts.schemas import GAUSSIANS
 from egosplat.gaussians.model import Gaussians
 from egosplat.language.centers import project_centers
 from egosplat.language.dominant import lift_instances, mean_of_dominant, target_votes
@@ -55,7 +54,7 @@ def alone(request, prepared):
 
 def test_lifted_codes_are_means_by_rendering_weight(alone):
     views, _, images = alone
-    lifted, count = lift(views), views.gaussians.count
+    (lifted, share), count = lift(views), views.gaussians.count
     codes, known, seen = torch.zeros(count, 2, 3), torch.zeros(count, 2), torch.zeros(count, 1)
     for frame, image in zip(views.frame, images, strict=True):
         targets = views.targets(int(frame))
@@ -65,8 +64,8 @@ def test_lifted_codes_are_means_by_rendering_weight(alone):
         seen += image.sum(dim=(0, 1))[:, None]
     taught = known > 1e-3
     code = torch.where(taught[..., None], codes / known[..., None], 0.0)
-    torch.testing.assert_close(lifted.code, code, rtol=1e-4, atol=1e-5)
-    torch.testing.assert_close(lifted.share, torch.where(taught, known / seen, 0.0), rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(lifted, code, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(share, torch.where(taught, known / seen, 0.0), rtol=1e-4, atol=1e-5)
 
 
 def test_votes_are_rendering_weights_at_centers(alone):
@@ -90,7 +89,7 @@ def test_each_gaussian_has_the_code_of_one_instance(wall, prepared):
     views, targets = prepared()
     found = lift_instances(views, targets)
     votes = target_votes(views, targets)[0].toarray() @ np.eye(3)[targets.code_rows()[1]]
-    assert found.decoded == GAUSSIANS and found.levels == ["part", "whole"]
+    assert found.levels == ["part", "whole"]
     middle, shown = (found.share > 0).T
     larger = torch.from_numpy(CODES[votes[:, :2].argmax(axis=1)])
     torch.testing.assert_close(found.code[shown, 1], larger[shown])
@@ -120,25 +119,26 @@ def test_gaussians_in_no_view_get_no_code(wall, prepared):
     behind = wall.select(torch.arange(3))
     behind.means[:, 2] = -5.0
     views, targets = prepared(gaussians=Gaussians.concatenate([wall, behind]))
-    for lifted in (lift(views), lift_instances(views, targets)):
-        assert not lifted.share[-3:].any() and not lifted.code[-3:].any()
-        assert bool(lifted.code.isfinite().all()) and bool((lifted.share <= 1).all())
+    one = lift_instances(views, targets)
+    for code, share in (lift(views), (one.code, one.share)):
+        assert not share[-3:].any() and not code[-3:].any()
+        assert bool(code.isfinite().all()) and bool((share <= 1).all())
 
 
 def test_rendered_codes_are_those_that_were_lifted(wall, prepared, camera_to_world, labels):
     lifted = lift(prepared()[0])
-    found = render_codes(wall, lifted.code, lifted.share, CAMERA, camera_to_world[HELD_OUT], RENDERING)
-    assert found.codes.shape == (2, 24, 24, 3) and found.coverage.shape == (2, 24, 24)
-    nearest = torch.cdist(found.codes[1], torch.from_numpy(CODES[:2])[None]).argmin(dim=2).numpy()
-    assert (nearest == labels[HELD_OUT, 1]).mean() > 0.95 and float(found.coverage.max()) <= 1.0 + 1e-5
-    none = found.coverage[0] <= 1e-6
-    assert bool(none.any()) and float(found.codes[0][none].abs().max()) == 0.0
+    codes, coverage = render_codes(wall, *lifted, CAMERA, camera_to_world[HELD_OUT], RENDERING)
+    assert codes.shape == (2, 24, 24, 3) and coverage.shape == (2, 24, 24)
+    nearest = torch.cdist(codes[1], torch.from_numpy(CODES[:2])[None]).argmin(dim=2).numpy()
+    assert (nearest == labels[HELD_OUT, 1]).mean() > 0.95 and float(coverage.max()) <= 1.0 + 1e-5
+    none = coverage[0] <= 1e-6
+    assert bool(none.any()) and float(codes[0][none].abs().max()) == 0.0
 
 
 def test_gaussians_without_share_do_not_contribute(wall, camera_to_world):
     shown = torch.arange(wall.count)[:, None] < wall.count // 2
     code = torch.where(shown[..., None], torch.tensor([1.0, 2.0]), 1e6)
-    found = render_codes(wall, code, 0.25 * shown, CAMERA, camera_to_world[0], RENDERING)
-    values = found.codes[0][found.coverage[0] > 1e-6].numpy()
+    codes, coverage = render_codes(wall, code, 0.25 * shown, CAMERA, camera_to_world[0], RENDERING)
+    values = codes[0][coverage[0] > 1e-6].numpy()
     assert len(values)
     np.testing.assert_allclose(values, np.tile([1.0, 2.0], (len(values), 1)), rtol=1e-3)

@@ -131,13 +131,14 @@ class Scene:
         targets = self.tiles if TILES in how.learns_from else self.targets
         return how.give_codes(self.views, targets, options, checkpoint)
 
-    def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray) -> list[ViewMatch]:
+    def answers(self, coded: Coded, pose: np.ndarray, words: np.ndarray, readout: str) -> list[ViewMatch]:
         """Answer two queries, whose features are the rows of ``words``, in one view."""
         decoder = coded.decoder or Decoder((8,), np.zeros(0, np.float32))
-        camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.decoded)
+        camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.levels)
         texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
-        known = QueryScene(self.views.gaussians, RENDERING, camera, 0, *codes, coded.levels)
-        return list(Asker(known, texts, LANGSPLAT).ask(texts.phrases, camera, pose, None))
+        known = QueryScene(self.views.gaussians, RENDERING, camera, 0, *codes, coded.maps_only)
+        asker = Asker(known, texts, LANGSPLAT.change(readout=readout))
+        return list(asker.ask(texts.phrases, camera, pose, None))
 
 
 @pytest.fixture(scope="module")
@@ -151,14 +152,15 @@ def coded(scene, tmp_path_factory) -> Callable[[str], Coded]:
     return found
 
 
+@pytest.mark.parametrize("readout", ["gaussians", "pixels"])
 @pytest.mark.parametrize("method", METHODS)
-def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, method):
+def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, method, readout):
     """Each word finds its own square and nothing of the other one. With the words exchanged, the answers are exchanged."""
     pose = camera_to_world[HELD_OUT]
     # Gaussians reach over the edges of their square.
     shown, inside = square_of(pose, -0.15), square_of(pose, 0.15)
     coded = coded(method)
-    found = scene.answers(coded, pose, FEATURE)
+    found = scene.answers(coded, pose, FEATURE, readout)
     for side, answer in enumerate(found):
         column, row = answer.pixel
         assert shown[row, column] == side and answer.score > 0.9
@@ -166,7 +168,8 @@ def test_an_answer_depends_on_its_word_alone(scene, camera_to_world, coded, meth
     if method in ITERATIONS:
         # The codebook of quantized has another loss, and comes first.
         assert coded.curve.loss[-1] < max(coded.curve.loss) and len(coded.stands_in) >= 2
-    exchanged = scene.answers(coded, pose, FEATURE[::-1].copy())
+    assert coded.maps_only == (method in ("field", "quantized"))
+    exchanged = scene.answers(coded, pose, FEATURE[::-1].copy(), readout)
     for answer, before in zip(exchanged, found[::-1], strict=True):
         assert np.allclose(answer.relevancy, before.relevancy, atol=1e-6)
         assert (answer.level, answer.mask_level) == (before.level, before.mask_level)
@@ -186,10 +189,10 @@ def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
     longer = {"iterations": 200, "lr": 0.06} if method == "granular" else {}
     coded = scene.coded(method, checkpoint, **longer)
     pose = camera_to_world[HELD_OUT]
-    found = render_codes(scene.views.gaussians, coded.code, coded.share, CAMERA, pose, RENDERING)
+    rendered, _ = render_codes(scene.views.gaussians, coded.code, coded.share, CAMERA, pose, RENDERING)
     square = square_of(pose, 0.15)
     for level, name in enumerate(coded.levels):
-        codes = found.codes[level]
+        codes = rendered[level]
         features = codes if coded.decoder is None else decode(codes, coded.decoder)
         sides = torch.stack([features[torch.from_numpy(square == side)].mean(dim=0) for side in (0, 1)])
         cosines = sides @ torch.from_numpy(FEATURE.T)

@@ -54,7 +54,7 @@ def test_artifact_holds_the_expected_facts_and_inputs(trained):
     inputs = {f"{name}.zarr" for name in ("frames", "poses", "instances", "features", "splats", "masks")}
     assert found.origin == "synthetic" and set(found.provenance["inputs"]) == inputs
     assert found.provenance["code"] == code_of("language", "lifted")
-    facts = {"levels": ["part", "whole"], "method": "lifted", "decoded": "gaussians", "views": 4}
+    facts = {"levels": ["part", "whole"], "method": "lifted", "maps_only": False, "views": 4}
     assert found.facts == facts | {"stands_in": [GEOMETRY]}
     assert found.shape("code")[1:] == (2, 3) and found.shape("curve/loss") == (0,)
     assert not found.read("code")[found.read("share") == 0].any()

@@ -129,6 +129,15 @@ def test_other_methods_never_read_what_moves_and_share_the_geometry_without_mask
     owners = [owner(stage, BASE, name, "adt/scene1") for stage in stages]
     assert owners[:2] == ["no_masks", name]
     assert name not in FEATURES or owners[2:] == ["each_frame", FEATURES[name]]
+    # Those that give each Gaussian a code are asked in both ways.
+    asked = f"{name}_pixels"
+    assert (asked in BASE["variants"]) != tiles
+    if not tiles:
+        owners = [owner(stage, BASE, asked, "adt/scene1") for stage in ("language", "metrics")]
+        assert (
+            owners == [name, asked]
+            and method_of(BASE, asked, "adt/scene1") == BASE["variants"][name]["method"]
+        )
     paper = resolve({"preset": "paper"}, PRESETS)
     assert paper["splats"]["language"] == "joint"
     assert variant_config(paper, name, "adt/scene1")["splats"]["language"] == "after"
@@ -143,14 +152,19 @@ def test_a_variant_of_the_configuration_keeps_its_name_from_a_preset():
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():
     frames = {"resolution": 300, "focal": 400.0, "evaluation_frames": 5}
-    own = {"frames": frames, "segments": {"merge_iou": 0.4}, "models": {"clip_model": "mine"}}
+    own = {
+        "query": {"readout": "pixels"},
+        "frames": frames,
+        "segments": {"merge_iou": 0.4},
+        "models": {"clip_model": "mine"},
+    }
     base = resolve(own, PRESETS)
     config = with_presets(base, PRESETS, "adt")
     draft, paper = (variant_config(config, name, "adt/scene1") for name in ("draft", "paper_scaled"))
     for found in (draft, paper):
         assert (found["frames"]["focal"], found["frames"]["evaluation_frames"]) == (400.0, 5)
         assert all(found[section] == base[section] for section in ("models", "metrics", "synthetic"))
-        assert found["segments"]["merge_iou"] == 0.4
+        assert found["segments"]["merge_iou"] == 0.4 and found["query"]["readout"] == "pixels"
     assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
     assert (paper["splats"]["iterations"], paper["features"]["dims"]) == (30000, 3)
     assert paper["transient"]["encoder_weights"] is None
@@ -164,7 +178,8 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
 def test_presets_replace_the_scenes_own_preset(name, below):
     left_to_the_scene = {"formats", "segments", "transient", "frames", "models", "synthetic", "metrics"}
     base = resolve({"preset": below}, PRESETS)
-    wanted = resolve({"preset": name, "models": {"set": base["models"]["set"]}}, PRESETS)
+    kept = {"models": {"set": base["models"]["set"]}, "query": {"readout": base["query"]["readout"]}}
+    wanted = resolve({"preset": name} | kept, PRESETS)
     found = merge(base, preset_keys(name, PRESETS, "adt"))
     for section in set(found) - left_to_the_scene - {"preset"}:
         assert found[section] == wanted[section], section

@@ -7,7 +7,6 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from egosplat.artifacts.schemas import GAUSSIANS, PIXELS
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Camera, invert, make_pose, transform
@@ -81,6 +80,7 @@ def test_what_is_not_covered_is_no_answer_and_moves_no_threshold(view):
 CAMERA, EYE = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))
+READOUTS = ("gaussians", "pixels")
 PAIR = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
 
 
@@ -93,7 +93,7 @@ def scene() -> QueryScene:
     """Two opaque balls at 2 m, left and right, that mean directions 0 and 1 at the one level there is."""
     balls = blobs([[-0.5, 0.0, 2.0], [0.5, 0.1, 2.0]], [0.98, 0.98], 0.1)
     codes = torch.eye(4)[:2, None], torch.ones(2, 1)
-    return QueryScene(balls, SETTINGS, CAMERA, 0, *codes, IDENTITY, PIXELS, ["whole"])
+    return QueryScene(balls, SETTINGS, CAMERA, 0, *codes, IDENTITY, ["whole"])
 
 
 @pytest.mark.parametrize("resolution, size", [(0, (64, 48)), (1000, (64, 48)), (32, (32, 24)), (1, (1, 1))])
@@ -105,8 +105,8 @@ def test_the_longer_side_is_brought_down(resolution, size):
 @pytest.mark.parametrize("resolution", [0, 32])
 def test_things_are_found_at_their_position(scene, resolution):
     options = LANGSPLAT.change(box_filter=4 / 64, resolution=resolution)
-    pairs = zip(*(ask(one, options) for one in (scene, replace(scene, decoded=GAUSSIANS))), strict=True)
-    for (pixels, gaussians), place in zip(pairs, scene.gaussians.means.numpy(), strict=True):
+    pairs = zip(*(ask(scene, options.change(readout=one)) for one in READOUTS), strict=True)
+    for (gaussians, pixels), place in zip(pairs, scene.gaussians.means.numpy(), strict=True):
         assert pixels.score > 0.99 and np.abs(pixels.position - place).max() < 0.15
         assert pixels.position[2] == pytest.approx(2.0, abs=1e-3)
         assert pixels.mask.any() and not pixels.mask[:, 30:34].any()
@@ -124,16 +124,16 @@ def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
     scene.gaussians.means[:, :2] = 0.0
     scene.gaussians.logit_opacities[:] = 0.0
     options = LANGSPLAT.change(box_filter=0.0)
-    [blended] = ask(scene, options, texts)
-    asker = Asker(replace(scene, decoded=GAUSSIANS), texts, options)
+    [blended] = ask(scene, options.change(readout="pixels"), texts)
+    asker = Asker(scene, texts, options)
     [rendered] = asker.ask(["between"], CAMERA, EYE, None)
     assert blended.score > rendered.score
     assert rendered.score == pytest.approx(float(asker.own.max()), abs=1e-5)
 
 
-@pytest.mark.parametrize("decoded", [PIXELS, GAUSSIANS])
-def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch, decoded):
-    asker, asked = Asker(replace(scene, decoded=decoded), PAIR, LANGSPLAT), ["right", "left", "right"]
+@pytest.mark.parametrize("readout", READOUTS)
+def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch, readout):
+    asker, asked = Asker(scene, PAIR, LANGSPLAT.change(readout=readout)), ["right", "left", "right"]
     together = list(asker.ask(asked, CAMERA, EYE, None))
     monkeypatch.setattr(text, "AT_ONCE", 1)
     alone = list(asker.ask(asked, CAMERA, EYE, None))
@@ -150,7 +150,7 @@ def layered() -> QueryScene:
     both.log_scales[1] = torch.tensor([8.0, 8.0, 0.1]).log()
     code = torch.stack([torch.eye(4)[[1, 1]], torch.eye(4)[:2]], dim=1)
     share = torch.tensor([[0.0, 1.0], [1.0, 1.0]])
-    return QueryScene(both, SETTINGS, CAMERA, 0, code, share, IDENTITY, GAUSSIANS, ["part", "whole"])
+    return QueryScene(both, SETTINGS, CAMERA, 0, code, share, IDENTITY, ["part", "whole"])
 
 
 @pytest.mark.parametrize("threshold", [0.0, 0.3, 0.7, 0.99])

@@ -45,12 +45,8 @@ def queries(accuracy: float, count: int) -> list[dict]:
     for number in range(count):
         own = {"hit": number < round(accuracy * count), "iou": accuracy / 2, "instances": ["Thing"]}
         own |= {"random_hit": 0.05, "middle_hit": number % 20 < 3}
-        asked = {
-            "frame": number % 10,
-            "category": f"thing {number // 10}",
-            "relevancy": 0.5,
-            "mask_pixels": 0,
-        }
+        asked = {"frame": number % 10, "category": f"thing {number // 10}"}
+        asked |= {"relevancy": 0.5, "mask_pixels": 0}
         nowhere = dict.fromkeys(("level", "pixel", "position", "mask_level"))
         rows.append(asked | nowhere | {"groups": {"static": own, "all": own}})
     return rows

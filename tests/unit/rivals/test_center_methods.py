@@ -130,7 +130,7 @@ def test_a_gaussian_across_two_segments_takes_the_one_at_its_center_and_lifting_
     targets = painted()
     code, _ = code_of(average_at_centers, large, targets)
     torch.testing.assert_close(code[0, 0], torch.tensor(RIGHT))
-    mixed = lift(look(large, targets)).code[0, 0]
+    mixed = lift(look(large, targets))[0][0, 0]
     assert float(mixed.min()) > 0.3
 
 

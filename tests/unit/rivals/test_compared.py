@@ -16,10 +16,9 @@ __all__ = ("scenes",)
 
 def test_the_tables_hold_ablations_configured_methods_and_scores_by_name_that_exist(scenes):
     before, home = table_scores(scenes.values()), "results/adt/one"
-    assert {
-        "results/mine/here/variants/baseline/metrics.json",
-        f"{home}/variants/langsplat/metrics.json",
-    } <= {*before}
+    own = ("baseline", "langsplat", "langsplat_pixels", "pixels")
+    assert {f"{home}/variants/{name}/metrics.json" for name in own} <= {*before}
+    assert "results/mine/here/variants/baseline/metrics.json" in before
     assert not [path for path in before if "named" in path or "absent" in path]
     assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
     Path("results/adt/named").mkdir(parents=True)

@@ -6,15 +6,12 @@ import torch
 
 from egosplat.errors import UserError
 from egosplat_rivals.langsplat_v2 import WORDS, codebook, coefficients
-from egosplat_rivals.loop import fewer_iterations
 
 
 def test_a_code_is_the_softmax_cut_to_four_over_its_sum_and_no_other_logit_gets_a_gradient():
     draw = torch.Generator().manual_seed(0)
-    logits, words = (
-        torch.randn(50, WORDS, generator=draw).requires_grad_(),
-        torch.randn(WORDS, 16, generator=draw),
-    )
+    logits = torch.randn(50, WORDS, generator=draw).requires_grad_()
+    words = torch.randn(WORDS, 16, generator=draw)
     code = coefficients(logits)
     whole = logits.detach().softmax(dim=-1)
     chosen = whole >= whole.topk(4, dim=-1).values[:, -1:]
@@ -39,8 +36,3 @@ def test_few_different_features_are_the_codebook_and_none_is_an_error():
     assert sorted(map(tuple, codebook(rows, 0))) == [(0.0, 1.0), (1.0, 0.0)]
     with pytest.raises(UserError, match=r"language\.method"):
         codebook(rows[:0], 0)
-
-
-def test_only_a_shorter_training_stands_in():
-    assert fewer_iterations(29_999, 30_000, " a level") == ("29,999 of 30,000 iterations a level",)
-    assert fewer_iterations(30_000, 30_000) == ()

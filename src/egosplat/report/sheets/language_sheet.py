@@ -45,7 +45,7 @@ def run(poses: Artifact, splats: Artifact, language: Artifact) -> tuple[Figure, 
         pose = camera_to_world[frame]
         show(column[0], scene.picture(camera, pose), f"as in frame {frame}")
         rendered = render_codes(scene.gaussians, colors, shares, camera, pose, scene.settings)
-        of_levels = (values.cpu().numpy() for values in (rendered.codes, rendered.coverage))
+        of_levels = (values.cpu().numpy() for values in rendered)
         for axes, name, painted, coverage in zip(column[1:], levels, *of_levels, strict=True):
             show(axes, blend(painted, coverage), f"{name}: {coverage.mean():.0%} covered by codes")
     return figure, (

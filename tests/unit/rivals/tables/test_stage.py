@@ -208,6 +208,23 @@ def test_methods_stand_in_the_paper_s_order_and_missing_ones_say_so(tables, scor
     assert r"& CPU min & GiB \\" in (out / "adt_accuracy.tex").read_text()
 
 
+def test_what_is_asked_in_both_ways_has_two_rows(tables, scored, out):
+    ways, method, paths = {"": "gaussians", "pixels": "pixels"}, {"method": "Occam's LGS"}, []
+    for name, readout in ways.items():
+        keys = {"options": {"readout": readout}}
+        paths += [scored(f"adt/scene1{name and '/variants/'}{name}", 0.6, **keys)]
+        paths += [scored(f"adt/scene1/variants/occam_{name}", 0.4, **keys, **method)]
+    found = rows_of(tables(*paths)["adt_iou"], kind="synthetic", scene="scene1", group="all")
+    rows = [row for row in zip(found.method, found.readout, found.percent, strict=True) if row[2] > 0]
+    ours, theirs = (
+        [(name, way, at) for way in ways.values()] for name, at in (("EgoSplat", 30), (*method.values(), 20))
+    )
+    assert rows == [*ours, *theirs]
+    text = (out / "adt_iou.md").read_text()
+    assert text.count(", asked by pixels)") == 2 and "- Rows asked by pixels" in text
+    assert "by pixels" not in (out / "adt_ablation.md").read_text()
+
+
 def test_scores_are_of_their_folder_s_scene_and_elsewhere_of_the_one_that_they_name(scored, tmp_path):
     path = tmp_path / "elsewhere.json"
     for place, names in (
