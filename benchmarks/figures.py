@@ -74,8 +74,14 @@ def psnr(rows: Rows, setting: str, group: str = "all") -> str:
 
 
 def presence(rows: Rows, setting: str, what: str) -> str:
-    """Share of whole-scene queries: present things found, rightly (``right``), right best guesses; ``absent`` ones found."""
-    asked = rows.of("presence", setting, present=int(what != "absent"))
+    """Share of whole-scene queries: present things found, rightly (``right``), right best guesses; ``absent`` ones found, of
+    those that the text model knows, their number ``asked``, and that of those ``refused`` without asking."""
+    absent = what in ("absent", "asked", "refused")
+    asked = rows.of("presence", setting, present=int(not absent))
+    if absent:
+        asked = asked[asked["untaught"] == int(what == "refused")]
+    if what in ("asked", "refused"):
+        return str(len(asked))
     graded = asked["grade"] == "best guess" if what == "guessed" else asked["answered"]
     # An answer that no frame could verify is not right.
     right = asked["right"].astype(float).fillna(0) if what in ("right", "guessed") else 1.0
@@ -91,6 +97,19 @@ def chance(rows: Rows, setting: str, answerer: str) -> str:
 def minutes(rows: Rows, setting: str) -> str:
     """CPU-minutes a scene."""
     return f"{rows.of('runs', setting)['cpu_s'].mean() / 60:.1f}"
+
+
+def places(rows: Rows, what: str) -> str:
+    """Number of places of carried things: ``all``, or those that are told, rightly (``right``) or not (``wrong``).
+
+    Raises:
+        UserError: there is no such number.
+    """
+    right, told = rows.tables["places"]["right"], rows.tables["places"]["told"]
+    counts = {"all": len(told), "right": right.sum(), "wrong": (told - right).sum()}
+    if what not in counts:
+        raise UserError(f"{rows.about['name']}: has no places {what!r}; has {', '.join(counts)}")
+    return str(int(counts[what]))
 
 
 def queries(rows: Rows, setting: str) -> str:
@@ -119,12 +138,13 @@ def score_table(rows: Rows, world: str | None = None) -> str:
             *(score(rows, name, "accuracy", group) for group in ("all", "static", "dynamic")),
             score(rows, name, "mean_iou"),
             *(psnr(rows, name, group) for group in ("all", "static")),
-            *(presence(rows, name, what) for what in ("right", "absent")),
+            presence(rows, name, "right"),
+            "{} of {}; {}".format(*(presence(rows, name, what) for what in ("absent", "asked", "refused"))),
             minutes(rows, name),
         ]
         for name in rows.settings
     ]
-    return markdown((*columns, "absent: answered", "CPU-min"), table)
+    return markdown((*columns, "absent: answered; refused", "CPU-min"), table)
 
 
 def difference_table(rows: Rows, world: str | None = None) -> str:
@@ -159,6 +179,7 @@ FIGURES: Mapping[str, Callable[..., str]] = {
     "presence": presence,
     "chance": chance,
     "minutes": minutes,
+    "places": places,
     "queries": queries,
     "fit": fitted,
 }

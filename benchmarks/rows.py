@@ -12,13 +12,15 @@ from typing import Any
 import click
 import pandas as pd
 
-from benchmarks.common import ROOT
+from benchmarks.carries.places import read_places
+from benchmarks.common import ROOT, survey_of
 from egosplat.artifacts import provenance
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import GROUPS
+from egosplat.pipeline.validation import read_document
 from egosplat.pipeline.variants import variant_folder
 from egosplat.query.grades import Evidence
-from egosplat_rivals.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat_rivals.scored_scenes import FULL, ScoredScene, check_protocol, read_scored_scene
 
 LEDGER = ROOT / "benchmarks" / "ledger"
 
@@ -34,8 +36,12 @@ COLUMNS = {
         *("phrase", "present", "score", "answered", "untaught", "right", "grade", "probability"),
         *EVIDENCE,
     ),
+    "places": ("thing", "category", "from_s", "until_s", "told", "right"),
     "runs": ("cpu_s", "peak_memory_mb", "gaussians", "seed", "preset", "recording", "commit", "clean"),
 }
+
+# Setting that is scored with the poses of the recording; the others' are fitted to each held-out frame.
+AS_GIVEN = "as_given"
 
 # Decorator: where a benchmark of scored scenes keeps its rows, as ``rows``.
 rows_option = click.option(
@@ -97,8 +103,9 @@ class Rows:
 
 
 def world_of(scene: str) -> str:
-    """World of a scene such as ``adt/busy1``: its name without its number."""
-    return re.sub(r"\d+$", "", scene.rpartition("/")[2])
+    """World of a scene such as ``adt/busy1``: its name without its number; an apartment is usual."""
+    name = re.sub(r"\d+$", "", scene.rpartition("/")[2])
+    return "usual" if name == "apartment" else name
 
 
 def read_scenes(folders: Sequence[Path], settings: Mapping[str, str | None]) -> dict[str, list[ScoredScene]]:
@@ -111,20 +118,17 @@ def read_scenes(folders: Sequence[Path], settings: Mapping[str, str | None]) -> 
         setting: [read_scored_scene(folder / variant_folder(variant) / "metrics.json") for folder in folders]
         for setting, variant in settings.items()
     }
-    check_protocol([one for scenes in found.values() for one in scenes])
+    check_protocol([one for setting, scenes in found.items() if setting != AS_GIVEN for one in scenes])
     return found
 
 
 def collect(name: str, found: Mapping[str, list[ScoredScene]], **about: Any) -> Rows:
-    """Rows of scored scenes by setting.
-
-    Args:
-        about: what else to tell of them.
-    """
+    """Rows of scored scenes by setting, with the places of carried things of ``FULL``; ``about`` is what else to tell of them."""
     listed: dict[str, list[tuple[Any, ...]]] = {table: [] for table in COLUMNS}
     for setting, scenes in found.items():
         for scene in scenes:
-            for table, row in _rows_of(scene.document):
+            places = read_places(scene.path.parent) if setting == FULL else []
+            for table, row in (*_rows_of(scene), *(("places", place) for place in places)):
                 listed[table].append((f"{scene.dataset}/{scene.scene}", setting, *row))
     tables = {
         table: pd.DataFrame(rows, columns=["scene", "setting", *COLUMNS[table]])
@@ -166,7 +170,8 @@ def read_rows(folder: Path) -> Rows:
             raise UserError(
                 f"{folder / name}: is not the table that was written; get it back: git checkout {folder}"
             )
-    return Rows(about, {name: pd.read_csv(folder / f"{name}.csv.xz") for name in COLUMNS})
+    tables = {name: pd.DataFrame(columns=["scene", "setting", *COLUMNS[name]]) for name in COLUMNS}
+    return Rows(about, tables | {path.name[:-7]: pd.read_csv(path) for path in folder.glob("*.csv.xz")})
 
 
 def read_texts() -> pd.DataFrame:
@@ -240,8 +245,9 @@ def _short(record: Mapping[str, Any]) -> str:
     return f"{commit[:12]}{'' if record['clean'] else ' with changes'}" if commit else "unknown"
 
 
-def _rows_of(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """Table and row of everything that ``metrics.json`` counts."""
+def _rows_of(scene: ScoredScene) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """Table and row of everything that ``metrics.json`` counts; the cost is that of all artifacts and of the survey."""
+    document, survey = scene.document, survey_of(scene.path.parent)
     for query in document["queries"]:
         for group, truth in query["groups"].items():
             values = (int(truth["hit"]), truth["iou"], truth["random_hit"], int(truth["middle_hit"]))
@@ -252,7 +258,8 @@ def _rows_of(document: Mapping[str, Any]) -> Iterator[tuple[str, tuple[Any, ...]
     for asked in document.get("presence", {}).get("queries", ()):
         values = [(asked | (asked["evidence"] or {})).get(name) for name in COLUMNS["presence"]]
         yield "presence", tuple(int(value) if isinstance(value, bool) else value for value in values)
-    records = [one for one in (*document["artifacts"].values(), document["provenance"]) if one is not None]
+    own = [document, *([] if survey is None else [read_document(survey, "survey")])]
+    records = [*filter(None, document["artifacts"].values()), *(one["provenance"] for one in own)]
     cost = (sum(one["cpu_s"] for one in records), max(one["peak_memory_mb"] for one in records))
     told = [document[name] for name in ("seed", "preset")] + [document["recording"]["hash"][:16]]
     yield "runs", (*cost, document["counts"].get("gaussians"), *told, document["commit"], document["clean"])

@@ -14,8 +14,9 @@ import click
 import numpy as np
 
 from benchmarks.carries import rests as of_rests
+from benchmarks.carries.places import NEAR_M, distance, places_of, rests_of, there
 from benchmarks.carries.true_tracks import with_true_tracks
-from benchmarks.carries.truth import Rest, TrueCarry, read_carries, read_rests, recording_of
+from benchmarks.carries.truth import Rest, TrueCarry, read_carries, recording_of
 from benchmarks.common import command, markdown, scene_folders
 from egosplat.histories.told import Carried
 from egosplat.pipeline.home import title_of
@@ -24,9 +25,6 @@ from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene, open_scene
 from egosplat.query.grades import SYNONYM
 from egosplat.query.text import CARRIED
-
-# An answer is right within this distance of the thing's box [m].
-NEAR_M = 0.25
 
 # A carry is found if a carry of the scene has this IoU with it in time, and ends near its end.
 IOU = 0.3
@@ -94,15 +92,14 @@ class Figures:
 
 def measure(scene: Scene) -> Figures:
     """Compare the carries and the answers of a scene with its truth."""
-    times = scene.artifact("frames").read("timestamp_ns")
-    recording = recording_of(scene.folder)
-    rests = read_rests(recording, times)
-    carries = read_carries(recording, rests, times)
+    times, rests = scene.artifact("frames").read("timestamp_ns"), rests_of(scene)
+    carries = read_carries(recording_of(scene.folder), rests, times)
     names = sorted({one.category for one in rests})
     answers = dict(zip(names, scene.ask(*names), strict=True))
     pairs = [(one, match) for one in carries if (match := _match(one, scene.histories.every)) is not None]
     told = [(one, name) for name in names for one in answers[name].history]
-    places = [_at_its_time(one, answers[one.category], rests) for one in rests]
+    places = [*places_of(rests, answers)]
+    at_time = sum(right for *_, right in places)
     return Figures(
         carries=len(carries),
         seen=sum(one.frames >= LEAST_FRAMES for one in carries),
@@ -116,8 +113,8 @@ def measure(scene: Scene) -> Figures:
         of_others=_of_others(scene, names),
         rests=len(rests),
         without_time=sum(_without_time(one, scene, answers[one.category], rests) for one in rests),
-        at_time=sum(place is True for place in places),
-        wrong=sum(place is False for place in places),
+        at_time=at_time,
+        wrong=sum(answered for *_, answered, _ in places) - at_time,
     )
 
 
@@ -129,10 +126,6 @@ def _of_others(scene: Scene, names: Sequence[str]) -> int:
     return sum(len(answer.history) for answer in scene.ask(*others))
 
 
-def _distance(point: np.ndarray, rest: Rest) -> float:
-    return float(rest.distances(point[None])[0])
-
-
 def _match(true: TrueCarry, carries: Sequence[Carried]) -> Carried | None:
     """The carry of a scene that is a true one; None if it is not found."""
     near = [one for one in carries if _is_true(one, [true])]
@@ -141,38 +134,24 @@ def _match(true: TrueCarry, carries: Sequence[Carried]) -> Carried | None:
 
 def _is_true(one: Carried, carries: Sequence[TrueCarry]) -> bool:
     return any(
-        each.iou(one.from_s, one.until_s) >= IOU and _distance(one.end, each.after) <= NEAR_M
+        each.iou(one.from_s, one.until_s) >= IOU and distance(one.end, each.after) <= NEAR_M
         for each in carries
     )
 
 
 def _errors(pairs: Sequence[tuple[TrueCarry, Carried]]) -> tuple[list[float], ...]:
     return (
-        [100 * _distance(one.start, true.before) for true, one in pairs if one.start_is_known],
-        [100 * _distance(one.end, true.after) for true, one in pairs],
+        [100 * distance(one.start, true.before) for true, one in pairs if one.start_is_known],
+        [100 * distance(one.end, true.after) for true, one in pairs],
         [abs(one.from_s - true.before.until_s) for true, one in pairs],
         [abs(one.until_s - true.after.from_s) for true, one in pairs],
     )
 
 
-def _there(rest: Rest, rests: Sequence[Rest]) -> list[Rest]:
-    """The rests of things of its category in the middle of its time."""
-    middle = (rest.from_s + rest.until_s) / 2
-    return [one for one in rests if one.category == rest.category and one.from_s <= middle <= one.until_s]
-
-
-def _at_its_time(rest: Rest, answer: Answer, rests: Sequence[Rest]) -> bool | None:
-    """Whether the history tells where a thing lies in the middle of its rest; None if it tells nothing."""
-    place = answer.at((rest.from_s + rest.until_s) / 2)
-    if place is None or place.position is None:
-        return None
-    return any(_distance(place.position, one) <= NEAR_M for one in _there(rest, rests))
-
-
 def _without_time(rest: Rest, scene: Scene, answer: Answer, rests: Sequence[Rest]) -> bool:
     """Whether the best thing of an answer that is not refused lies where the thing rests."""
     things = answer.things[:1]
-    return any(_distance(thing.center, one) <= NEAR_M for thing in things for one in _there(rest, rests))
+    return any(distance(thing.center, one) <= NEAR_M for thing in things for one in there(rest, rests))
 
 
 def _cpu_seconds(folder: Path, stage: str) -> str:

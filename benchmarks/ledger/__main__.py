@@ -1,4 +1,4 @@
-"""Scores of five apartments that nobody has seen: drawn from a text, run once, and kept with every row.
+"""Scores of seven apartments that nobody has seen: drawn from a text, run once, and kept with every row.
 
     python -m benchmarks.ledger TEXT             # draw, run, score, and write benchmarks/ledger/TEXT/
     python -m benchmarks.ledger TEXT --release   # the same, with more settings
@@ -12,7 +12,7 @@ import hashlib
 import os
 import subprocess
 import sys
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ import yaml
 from benchmarks.common import ROOT, command
 from benchmarks.figures import TABLES
 from benchmarks.rows import (
+    AS_GIVEN,
     LEDGER,
     TEXTS,
     collect,
@@ -30,6 +31,7 @@ from benchmarks.rows import (
     read_scenes,
     read_texts,
     stamp,
+    world_of,
     write_rows,
 )
 from egosplat.errors import UserError
@@ -39,19 +41,37 @@ from egosplat_rivals.scored_scenes import FULL, ScoredScene
 # Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
 SETTINGS: dict[str, str | None] = {
     FULL: None,
-    **{name: name for name in ("draft", "occam", "baseline")},
+    "full_pixels": "pixels",
+    **{name: name for name in (AS_GIVEN, "draft", "baseline", "occam", "occam_pixels")},
 }
 
 # What --release adds.
 RELEASE = (
-    "accurate",
-    *("lerf", "legaussians", "semantic_gaussians", "gags", "langsplat", "langsplat2", "splat_feature_solver"),
+    *("accurate", "lerf", "legaussians"),
+    *(
+        "semantic_gaussians",
+        "semantic_gaussians_pixels",
+        "gags",
+        "gags_pixels",
+        "langsplat",
+        "langsplat_pixels",
+    ),
+    *("langsplat2", "langsplat2_pixels", "splat_feature_solver", "splat_feature_solver_pixels"),
 )
 
 # Configuration of all runs: what differs from the defaults.
-CONFIGURATION: dict[str, Any] = {"synthetic": {"camera": "real"}}
+CONFIGURATION: dict[str, Any] = {
+    "synthetic": {"camera": "real"},
+    "variants": {AS_GIVEN: {"metrics": {"held_out": "given"}}},
+}
 
-APARTMENTS = 5
+# Worlds of the apartments in the order of the draw, and the options of each beside the seed.
+DRAW = ("usual", "usual", "usual", "busy", "busy", "foreign", "foreign")
+WORLDS = {
+    "usual": "",
+    "busy": " synthetic.world=busy synthetic.objects=44 synthetic.seconds=60 synthetic.motion=1",
+    "foreign": " synthetic.world=foreign",
+}
 
 # Smaller seeds are those of the table of scenes, benchmarks, tests and training (training/small_models/worlds.py).
 FIRST_SEED, LAST_SEED = 10_000_000, 999_999_999
@@ -60,7 +80,7 @@ FIRST_SEED, LAST_SEED = 10_000_000, 999_999_999
 WORK = ROOT / "ledger"
 
 
-def draw_seeds(text: str, taken: Collection[int] = (), count: int = APARTMENTS) -> list[int]:
+def draw_seeds(text: str, taken: Collection[int] = (), count: int = len(DRAW)) -> list[int]:
     """Seeds of apartments for a text: the same for everybody, and none of ``taken`` or twice."""
     seeds: list[int] = []
     number = 0
@@ -109,25 +129,14 @@ def check_text(text: str) -> str:
     return commit
 
 
-def prepare(folder: Path, seeds: Collection[int]) -> None:
-    """Write the configuration of a run: a table of apartments, and the keys of all of them."""
+def prepare(folder: Path, scenes: Mapping[str, int]) -> None:
+    """Write the configuration of a run: a table of apartments from their seeds by name, and the keys of all of them."""
     (folder / "config").mkdir(parents=True, exist_ok=True)
     rows = ["dataset\tscene\tformat\trecording\toptions"]
-    rows += [f"ledger\t{name_of(seed)}\tadt\t-\tsynthetic.seed={seed}" for seed in seeds]
+    for name, seed in scenes.items():
+        rows.append(f"ledger\t{name}\tadt\t-\tsynthetic.seed={seed}{WORLDS[world_of(name)]}")
     (folder / "config/scenes.tsv").write_text("\n".join(rows) + "\n")
     (folder / "config/config.yaml").write_text(yaml.safe_dump(CONFIGURATION))
-
-
-def name_of(seed: int) -> str:
-    """Name of the scene of a seed."""
-    return f"apartment{seed}"
-
-
-def scores_of(seeds: Collection[int], settings: Mapping[str, str | None]) -> Iterator[str]:
-    """The files of scores of a run."""
-    for seed in seeds:
-        for variant in settings.values():
-            yield f"results/ledger/{name_of(seed)}/{variant_folder(variant)}metrics.json"
 
 
 def snakemake(folder: Path, cores: int, targets: Collection[str], *more: str) -> int:
@@ -165,12 +174,15 @@ def run(text: str, release: bool, cores: int) -> Path:
         seed for one in read_texts().query("ran")["text"] for seed in read_rows(LEDGER / one).about["seeds"]
     }
     seeds, folder = draw_seeds(text, taken), WORK / f"{text}-{commit[:12]}"
-    prepare(folder, seeds)
-    if status := snakemake(folder, cores, [*scores_of(seeds, settings)]):
+    scenes = {f"{world}{seed}": seed for world, seed in zip(DRAW, seeds, strict=True)}
+    prepare(folder, scenes)
+    folders = [variant_folder(variant) for variant in settings.values()]
+    targets = [f"results/ledger/{scene}/{variant}metrics.json" for scene in scenes for variant in folders]
+    if status := snakemake(folder, cores, targets):
         raise UserError(
             f"{folder}: a job failed (exit {status}); see above. The same command goes on from there"
         )
-    found = read_scenes([folder / "results/ledger" / name_of(seed) for seed in seeds], settings)
+    found = read_scenes([folder / "results/ledger" / scene for scene in scenes], settings)
     check_commit([one for own in found.values() for one in own], commit)
     told = {
         "text": text,
@@ -184,11 +196,17 @@ def run(text: str, release: bool, cores: int) -> Path:
 
 
 def report(text: str) -> str:
-    """Every table of a text, or that it has not run."""
+    """Every table of a text, over all apartments and over those of each world, or that it has not run."""
     if not (LEDGER / text).exists():
         return f"# {text}\n\nRegistered, not run."
     rows = read_rows(LEDGER / text)
-    return "\n\n".join([f"# {text}", stamp(rows.about), *(table(rows) for table in TABLES.values())])
+    worlds = [None, *rows.worlds] if len(rows.worlds) > 1 else [None]
+    told = [
+        line
+        for world in worlds
+        for line in (*([f"## {world}"] if world else []), *(table(rows, world) for table in TABLES.values()))
+    ]
+    return "\n\n".join([f"# {text}", stamp(rows.about), *told])
 
 
 @command(__doc__)

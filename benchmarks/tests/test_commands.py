@@ -14,7 +14,6 @@ MORE = (
     "instances.growth",
     "language.blends",
     "real_camera.still_masks",
-    "worlds.known",
 )
 TOPICS = sorted(path.parent.name for path in (ROOT / "benchmarks").glob("*/__main__.py"))
 

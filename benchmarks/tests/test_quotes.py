@@ -140,7 +140,8 @@ def test_a_block_is_dated_by_command_and_of_a_commit_of_this_history(tmp_path, m
         *("accuracy full", "accuracy full static", "mean_iou other", "psnr full static", "minutes full"),
         *("accuracy_difference full other", "mean_iou_difference full other", "chance full random_pixel"),
         *("presence full right", "presence full absent", "presence full guessed", "queries full"),
-        *("scores", "differences", "blind", "fit"),
+        *("presence full asked", "presence full refused", "places all", "places right", "places wrong"),
+        *("scores", "scores busy", "differences", "blind", "fit"),
     ],
 )
 def test_figures_are_written_and_a_changed_one_is_a_fault(source, tmp_path, words):
@@ -155,7 +156,11 @@ def test_figures_are_written_and_a_changed_one_is_a_fault(source, tmp_path, word
 
 
 @pytest.mark.parametrize(
-    "words", ["mine speed full", "mine accuracy", "mine accuracy none", "mine queries full some", "other fit"]
+    "words",
+    [
+        *("mine speed full", "mine accuracy", "mine accuracy none", "mine queries full some", "other fit"),
+        *("mine places found", "mine scores foreign"),
+    ],
 )
 def test_a_quote_of_nothing_is_a_fault(source, tmp_path, words):
     (fault,) = faults_of(tmp_path, "PAGE.md", f"<!--= {words} -->50 %<!--/-->")
@@ -175,6 +180,15 @@ def test_an_interval_is_that_of_the_rows_by_hand(source):
     mean = np.mean([one.totals.sum() / one.counts.sum() for one in clusters])
     expected = f"{100 * mean:.0f} % ({100 * bounds.low:.0f} to {100 * bounds.high:.0f})"
     assert figures.compute(source, ["accuracy", "full"]) == expected
+
+
+def test_what_is_refused_without_asking_is_no_absent_thing_that_was_not_found(source):
+    words = ("asked", "refused", "absent")
+    asked, refused, found = (figures.compute(source, ["presence", "full", what]) for what in words)
+    table = source.of("presence", "full", present=0, untaught=0)
+    assert (asked, refused) == ("4", "4") and found.startswith(f"{100 * table['answered'].mean():.0f} % ")
+    counts = [figures.compute(source, ["places", what]) for what in ("all", "right", "wrong")]
+    assert counts == ["3", "1", "1"]
 
 
 def test_rows_are_never_replaced_and_a_changed_table_is_named(source, tmp_path):
