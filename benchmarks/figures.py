@@ -12,7 +12,7 @@ from benchmarks.scores import mcnemar
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
 from egosplat.evaluation.scores import CHANCE
-from egosplat_rivals.scored_scenes import FULL
+from egosplat_rivals.scored_scenes import FULL, PIXELS
 
 # Column of the queries that each score averages, its scale, and how it is written.
 SCORES = {"accuracy": ("hit", 100, ".0f", " %"), "mean_iou": ("iou", 1, ".2f", "")}
@@ -148,11 +148,13 @@ def score_table(rows: Rows, world: str | None = None) -> str:
 
 
 def difference_table(rows: Rows, world: str | None = None) -> str:
-    """A row for the default against each other setting, over the scenes of a world or all."""
+    """A row for the default against each other setting, or for it asked by pixels, over the scenes of a world or all."""
     rows = rows.within(world)
+    asked = [name for name in rows.settings if name in (PIXELS, f"{FULL}_{PIXELS}")]
     table = [
-        [f"{FULL} against {name}", *(difference(rows, FULL, name, score) for score in SCORES)]
+        [f"{own} against {name}", *(difference(rows, own, name, score) for score in SCORES)]
         for name in rows.settings
+        for own in (asked if name.endswith(f"_{PIXELS}") and name not in asked else [FULL])
         if name != FULL
     ]
     return markdown(("compared", "accuracy", "mIoU"), table)

@@ -17,7 +17,7 @@ from benchmarks.common import command, markdown, scene_folders
 from benchmarks.language.__main__ import read as read_learnt
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import Query
+from egosplat.evaluation.queries import Query, find_queries
 from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import lift
@@ -28,15 +28,7 @@ from egosplat_rivals.scored_scenes import read_scored_scene
 
 MEANS, ONE = "mean of the codes of its pixels", "code of the instance that it shows most"
 RENDERED = {"pixels": "codes; pixels are decoded", "gaussians": "relevancies of Gaussians"}
-COLUMNS = (
-    "scene",
-    "code of a Gaussian",
-    "rendered",
-    "queries",
-    "accuracy",
-    "mIoU",
-    "CPU time of the queries [s]",
-)
+COLUMNS = ("scene", "code of a Gaussian", "rendered", "queries", "accuracy", "mIoU", "CPU time [s]")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +47,7 @@ def read(folder: Path) -> tuple[Asked, dict[str, tuple[Tensor, Tensor]]]:
     options = recorded_options(scored.document["provenance"]["options"])
     scene = open_scored(folder, options)
     evaluation = evaluation_of(scene)
-    queries = evaluation.find_queries(options)
+    queries = find_queries(evaluation.annotations, evaluation.valid, options)
     asker = scene.asker(sorted({query.category for query in queries}))
     one = lift_instances(learnt.views, learnt.targets)
     ways = {MEANS: lift(learnt.views), ONE: (one.code, one.share)}

@@ -78,6 +78,9 @@ def test_settings_are_compared_query_by_query():
         rows.within("foreign")
     same = difference_table(collect("ablation", {"full": found["full"], "again": found["full"]}), "scene")
     assert "| full against again | +0.0 (-19.4 to +19.4), p = 1 |" in same
+    by_pixels = {"full": found["full"], **dict.fromkeys(("pixels", "occam_pixels"), found["no_masks"])}
+    own, occam = difference_table(collect("ablation", by_pixels), "scene").splitlines()[2:]
+    assert own.startswith("| full against pixels |") and occam.startswith("| pixels against occam_pixels |")
 
 
 def test_one_thing_seen_in_many_frames_is_one_difference():
