@@ -47,7 +47,9 @@ def read(folder: Path) -> tuple[Asked, dict[str, tuple[Tensor, Tensor]]]:
     options = recorded_options(scored.document["provenance"]["options"])
     scene = open_scored(folder, options)
     evaluation = evaluation_of(scene)
-    queries = find_queries(evaluation.annotations, evaluation.valid, options)
+    asked = {frame.index for frame in evaluation.frames if frame.asked}
+    every = find_queries(evaluation.annotations, evaluation.valid, options)
+    queries = [one for one in every if one.frame in asked]
     asker = scene.asker(sorted({query.category for query in queries}))
     one = lift_instances(learnt.views, learnt.targets)
     ways = {MEANS: lift(learnt.views), ONE: (one.code, one.share)}

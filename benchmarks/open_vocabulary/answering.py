@@ -47,7 +47,8 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
 
 
 def _questions(evaluation: Evaluation, config: Config, options: MetricsOptions) -> list[Question]:
-    queries = find_queries(evaluation.annotations, evaluation.valid, options)
     maps = {frame.index: evaluation.map_of(frame) for frame in evaluation.frames if frame.asked}
+    every = find_queries(evaluation.annotations, evaluation.valid, options)
+    queries = [one for one in every if one.frame in maps]
     shares = color_shares(config["synthetic"], evaluation.instances)
     return find_questions(queries, maps, shares, options.min_area)

@@ -10,12 +10,7 @@ from benchmarks.open_vocabulary import __main__ as open_vocabulary
 from benchmarks.open_vocabulary import answering, colors
 from benchmarks.open_vocabulary.answering import Answered, answer_scene
 from benchmarks.open_vocabulary.colors import color_shares, is_doubtful, main_color
-from benchmarks.open_vocabulary.phrases import (
-    NAME,
-    NEW,
-    UNTAUGHT,
-    synonym_phrases,
-)
+from benchmarks.open_vocabulary.phrases import NAME, NEW, UNTAUGHT, synonym_phrases
 from benchmarks.open_vocabulary.questions import COLORED, TOLD_APART, WORDS, Question, find_questions
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import Query
