@@ -15,7 +15,7 @@ class SyntheticOptions(Options):
 
     world: Literal["usual", "busy", "foreign"] = "usual"
     """What is recorded. usual: the apartments that the small models were trained on. busy: a fuller room in which two
-    people carry one thing after another, each to several places where it rests for seconds. foreign: furniture, floor
+    people carry one thing after another, each to several places, for 24 s or more. foreign: furniture, floor
     plans, textures and lights that no model was trained on (benchmarks/worlds/README.md)."""
 
     size: Annotated[int, Field(ge=64, le=1408)] = 704

@@ -2,23 +2,23 @@
 
 import re
 import subprocess
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from egosplat.pipeline import config
 from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat_apartments.world.world import make_world
 from egosplat_rivals.scored_scenes import VALIDATION
 
 ROOT = Path(__file__).resolve().parents[2]
-TABLE = ROOT / "config" / "scenes.tsv"
 NAME = re.compile(r"scene(?:6|7|8|9|10)\b|scene\{[^}]*\b(?:6|7|8|9|10)\b|/scene\*|/scene\[")
-"""One of them by name, among others in braces, or by a pattern that takes them along."""
 
 
 @pytest.fixture(scope="module")
 def scenes() -> dict[tuple[str, str], Scene]:
-    return read_scenes(config.resolve({"scenes": str(TABLE)}, ROOT / "config/presets"))
+    return read_scenes(config.resolve({"scenes": str(ROOT / "config/scenes.tsv")}, ROOT / "config/presets"))
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +42,14 @@ def test_validation_scenes_are_made_only_by_name(scenes, validation):
 def test_validation_scenes_differ_only_in_their_seed(scenes, validation):
     for scene in validation:
         seed = {"synthetic": {"seed": scene.config["synthetic"]["seed"]}}
-        assert scene.config == config.merge(scenes["adt", "scene1"].config, seed)
+        assert scene.config == config.merge(scenes["adt", "scene2"].config, seed)
+
+
+def test_in_the_first_scene_two_people_put_things_down_at_several_places(scenes):
+    keys = scenes["adt", "scene1"].config["synthetic"]
+    world = make_world(**{name: keys[name] for name in ("seed", "seconds", "objects", "motion", "world")})
+    places = Counter(rest.instance_id for rest in world.rests(keys["seconds"]))
+    assert len(world.people) == 2 and len(places) >= 2 and min(places.values()) >= 3
 
 
 def test_seeds_of_validation_scenes_are_used_nowhere_else(validation):

@@ -1,5 +1,6 @@
 """Kinds of objects in an apartment: ADT category, placement, and builder."""
 
+import itertools
 from dataclasses import dataclass
 from typing import Literal
 
@@ -185,12 +186,8 @@ def wish_list(rng: Rng, objects: int) -> list[Kind]:
     The list is longer than ``objects``, because some find no place. Each category comes once before any
     repeats, except within groups.
     """
-    groups = [GROUPS[number] for number in rng.permutation(len(GROUPS))]
+    chosen, late = _groups(rng, max(1, round((objects - len(CORE)) / 5)))
     rest = [REST[number] for number in rng.permutation(len(REST))]
-    # Fuller apartments get more groups of furniture before the single kinds.
-    share = max(1, round((objects - len(CORE)) / 5))
-    chosen = [kind for group in groups[:share] for kind in group]
-    late = [kind for group in groups[share:] for kind in group]
     fill = [MORE[number % len(MORE)] for number in range(3 * objects)]
     split = len(rest) * 2 // 3
     return [*_CORE_FURNITURE, *chosen, *_CORE_THINGS, *rest[:split], *late, *rest[split:], *fill]
@@ -199,7 +196,7 @@ def wish_list(rng: Rng, objects: int) -> list[Kind]:
 def busy_wish_list(rng: Rng, objects: int) -> list[Kind]:
     """Kinds as ``wish_list`` has them, for people who carry things: more tables and shelves, and less that never moves."""
     by_name = {kind.prototype: kind for kind in (*REST, *(kind for group in GROUPS for kind in group))}
-    groups = [kind for number in rng.permutation(len(GROUPS)) for kind in GROUPS[number]]
+    chosen, late = _groups(rng, max(1, (objects - 16) // 4))
     tables = [
         by_name[name] for name in ("NightStand", "NightStand", "WhiteCabinet", "ArmChair", "FloatingShelf")
     ]
@@ -208,7 +205,14 @@ def busy_wish_list(rng: Rng, objects: int) -> list[Kind]:
     # What stands on tables alone and never moves would leave no room on them.
     others = [kind for kind in rest if kind not in carried and kind.place != _TABLE]
     fill = [(CUP, BOOK, BOX, ARTWORK, LYING_BOOK)[number % 5] for number in range(3 * objects)]
-    return [*_CORE_FURNITURE, *groups, *tables, BOOKCASE, *_CORE_THINGS, *carried, *others, *fill]
+    first = [*_CORE_FURNITURE, *chosen, *tables, BOOKCASE, *_CORE_THINGS]
+    return [*first, *carried, *late, *others, *fill]
+
+
+def _groups(rng: Rng, share: int) -> tuple[list[Kind], list[Kind]]:
+    """The kinds of so many random ``GROUPS``, more for a fuller apartment, and of the others."""
+    groups = [GROUPS[number] for number in rng.permutation(len(GROUPS))]
+    return [*itertools.chain(*groups[:share])], [*itertools.chain(*groups[share:])]
 
 
 def random_ids(rng: Rng, count: int) -> list[int]:

@@ -29,16 +29,14 @@ from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.layout import Layout, Placed
 from egosplat_apartments.world.room import hidden_place
 
-# No person carries three objects three times in less than this.
-LEAST_WORK_S = 40.0
+# From how much work on [s] people carry many things, and any: objects of the wearer and of the visitor, and times each.
+MANY_FROM_S, LEAST_WORK_S = 40.0, 24.0
+_MANY, _FEW = (3, 3, 3), (1, 2, 2)
 # When the visitor sets out from the corridor [s].
 _COMES_S = (-6.0, -2.0)
-# Times that an object is carried, and the longest rest in between [s].
-_CARRIES, LONGEST_REST_S = 3, 10.0
+LONGEST_REST_S = 10.0
 # Rests from which people choose, if the way is no longer [s]: the visitor has one object less and leaves more time.
 _OWN_RESTS_S, _OTHER_RESTS_S = (3.1, 4.2), (3.1, 8.0)
-# Objects that each person carries, least number that both carry, and objects among which they choose.
-_OBJECTS, PEOPLE_CARRY, _FOUND = 3, 5, 9
 # Shortest and longest way with an object [m].
 _WAYS_M = (0.7, 3.2)
 _SPEED_M_S, _TOUR_M_S, _TURN_PER_S = 1.1, 0.5, 2.0
@@ -68,21 +66,26 @@ class Chores:
 
 def plan_chores(apartment: Apartment, rng: Rng, seconds: float, work_s: float) -> Chores | None:
     """Plan the chores of the wearer and of a visitor within the first ``work_s`` of a recording; None if none fit."""
-    chores = find_chores(apartment, rng)
-    for _ in range(_PLANS if len(chores) >= PEOPLE_CARRY else 0):
+    watches = work_s < MANY_FROM_S  # the visitor, for which a wearer with many things has no time
+    owns, objects, carries = _FEW if watches else _MANY
+    chores = find_chores(apartment, rng, 3 * objects, carries)
+    for _ in range(_PLANS if len(chores) > owns + objects - 2 else 0):
         mixed = [chores[number] for number in rng.permutation(len(chores))]
-        own, others = mixed[:_OBJECTS], mixed[_OBJECTS : 2 * _OBJECTS]
+        own, others = mixed[:owns], mixed[owns : owns + objects]
         head = _wearer(apartment, own, rng, seconds, work_s)
-        # A visitor who finds no time for three objects carries two.
-        for some in (others, others[: PEOPLE_CARRY - _OBJECTS]):
+        # A visitor who finds no time for as many objects carries one less.
+        for some in (others, others[: objects - 1]):
             visitor = head and _visitor(apartment, some, rng, head, seconds, work_s)
-            if head and visitor:
+            if head and visitor and watches:
+                span, jobs = (-1.0, seconds + 1.0), [*head.jobs]
+                head = looking_around(apartment, head.walk, jobs, rng, span, _TURN_PER_S, visitor[0])
+            if head and visitor and not _grazes(apartment, head.walk, head.jobs, HOLD):
                 return Chores(head, visitor)
     return None
 
 
-def find_chores(apartment: Apartment, rng: Rng) -> list[Chore]:
-    """Objects, each with the errands that carry it from place to place.
+def find_chores(apartment: Apartment, rng: Rng, objects: int, carries: int) -> list[Chore]:
+    """Up to so many objects, each with the errands that carry it from place to place.
 
     No place is used twice: where an object rests at some time, no other one ever does.
     """
@@ -90,17 +93,17 @@ def find_chores(apartment: Apartment, rng: Rng) -> list[Chore]:
     chores: list[Chore] = []
     things = carriable_things(apartment)
     for thing in (things[number] for number in rng.permutation(len(things))):
-        before, errands = len(layout.placed), _chore(apartment, layout, thing, rng)
-        if len(errands) < _CARRIES:
+        before, errands = len(layout.placed), _chore(apartment, layout, thing, rng, carries)
+        if len(errands) < carries:
             del layout.placed[before:]
             continue
         chores.append(tuple(errands))
-        if len(chores) == _FOUND:
+        if len(chores) == objects:
             break
     return chores
 
 
-def _chore(apartment: Apartment, layout: Layout, thing: Placed, rng: Rng) -> list[Errand]:
+def _chore(apartment: Apartment, layout: Layout, thing: Placed, rng: Rng, carries: int) -> list[Errand]:
     """Errands that carry a thing on and on; each of its places is added to ``layout``."""
     surfaces, errands = surfaces_in_reach(apartment), list[Errand]()
     for _ in range(_TRIES):
@@ -113,7 +116,7 @@ def _chore(apartment: Apartment, layout: Layout, thing: Placed, rng: Rng) -> lis
         errands.append(errand)
         thing = replace(thing, pose=errand.target, support=support.number, surface=surface)
         layout.placed.append(thing)
-        if len(errands) == _CARRIES:
+        if len(errands) == carries:
             break
     return errands
 

@@ -30,6 +30,8 @@ _TOUR_M = 9.0
 # Fastest turn and nod of the head [rad/s], and the range of its pitch [rad]: a head looks down more than up.
 _TURN_PER_S, _NOD_PER_S = 1.2, 0.8
 _PITCH_RANGE = (-0.95, 0.2)
+# For how long a visitor is looked at, and for as long not, and at which height.
+_WATCH_S, _CHEST_M = 2.5, 1.1
 # Length of a stride of two steps.
 _STRIDE_M = 1.3
 # The motion is defined this long before and after the recording.
@@ -111,11 +113,33 @@ def looking_around(
     rng: Rng,
     span: tuple[float, float],
     turn_per_s: float = _TURN_PER_S,
+    visitor: Walk | None = None,
 ) -> HeadMotion:
-    """Add the gaze; the body turns with it."""
-    grid = control_times(*span)
-    controls = _gaze(apartment, walk, jobs, rng, grid, turn_per_s)
-    return HeadMotion(walk.facing(grid, controls[:, 0]), SmoothTrack(grid, controls), tuple(jobs))
+    """Add the gaze from object to object, at the carried one around grip and release; the body turns with it.
+
+    A visitor in the room is watched for half of the time.
+    """
+    grid, state = control_times(*span), walk.controls
+    eyes = np.stack([state[:, 0], EYES_M - state[:, 4], state[:, 1]], axis=-1)
+    targets = _fixations(apartment, grid, eyes, state[:, 2], rng)
+    if visitor is not None:
+        places = visitor.place(grid)
+        inside = (np.abs(places) < np.array([apartment.room.width, apartment.room.depth]) / 2).all(axis=1)
+        watched = inside & (grid % (2 * _WATCH_S) < _WATCH_S)
+        targets[watched] = np.insert(places, 1, _CHEST_M, axis=1)[watched]
+    for job in jobs:
+        ends = (job.errand.thing.pose[:3, 3], job.errand.target[:3, 3])
+        starts, stops = (job.grip_s - 1.6, job.release_s - 2.0), (job.grip_s + 0.5, job.release_s + 0.5)
+        for end, first, last in zip(ends, starts, stops, strict=True):
+            targets[(grid > first) & (grid < last)] = end
+    way = targets - eyes
+    yaw = np.arctan2(way[:, 0], way[:, 2])
+    pitch = np.clip(np.arctan2(way[:, 1], np.hypot(way[:, 0], way[:, 2])), *_PITCH_RANGE)
+    for job in jobs:
+        carrying = (grid > job.grip_s) & (grid < job.release_s)
+        pitch[carrying] = np.minimum(pitch[carrying], -0.4)
+    yaw, pitch = limited(yaw, turn_per_s * STEP_S), limited(pitch, _NOD_PER_S * STEP_S)
+    return HeadMotion(walk.facing(grid, yaw), SmoothTrack(grid, np.column_stack([yaw, pitch])), tuple(jobs))
 
 
 def _schedule(errand: Errand, seconds: float) -> Job:
@@ -153,32 +177,6 @@ def long_enough(plan: FloorPlan, tour: list[Array], start: Array, needed_m: floa
 def _length(plan: FloorPlan, stops: list[Array]) -> float:
     """Lower bound of the route's length: straight lines between the stops."""
     return float(sum(np.linalg.norm(b - a, axis=-1) for a, b in itertools.pairwise(stops)))
-
-
-def _gaze(
-    apartment: Apartment, walk: Walk, jobs: list[Job], rng: Rng, grid: Array, turn_per_s: float
-) -> Array:
-    """(K, 2) yaw and pitch of a gaze from object to object, and at the carried one around grip and release."""
-    state = walk.controls
-    eyes = np.stack([state[:, 0], EYES_M - state[:, 4], state[:, 1]], axis=-1)
-    targets = _fixations(apartment, grid, eyes, state[:, 2], rng)
-    for job in jobs:
-        ends = (job.errand.thing.pose[:3, 3], job.errand.target[:3, 3])
-        for end, first, last in zip(
-            ends,
-            (job.grip_s - 1.6, job.release_s - 2.0),
-            (job.grip_s + 0.5, job.release_s + 0.5),
-            strict=True,
-        ):
-            targets[(grid > first) & (grid < last)] = end
-    way = targets - eyes
-    yaw = np.arctan2(way[:, 0], way[:, 2])
-    pitch = np.clip(np.arctan2(way[:, 1], np.hypot(way[:, 0], way[:, 2])), *_PITCH_RANGE)
-    for job in jobs:
-        carrying = (grid > job.grip_s) & (grid < job.release_s)
-        pitch[carrying] = np.minimum(pitch[carrying], -0.4)
-    pitch = limited(pitch, _NOD_PER_S * STEP_S)
-    return np.column_stack([limited(yaw, turn_per_s * STEP_S), pitch])
 
 
 def _fixations(apartment: Apartment, grid: Array, eyes: Array, heading: Array, rng: Rng) -> Array:

@@ -10,14 +10,14 @@ from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.camera.raycasting import Body, Geometry, build_geometry
 from egosplat_apartments.objects.catalogue import busy_wish_list, random_ids
 from egosplat_apartments.objects.foreign import build_foreign
-from egosplat_apartments.people.chores import HOLD, LEAST_WORK_S, PEOPLE_CARRY, REACH_S, Chores, plan_chores
+from egosplat_apartments.people.chores import HOLD, LEAST_WORK_S, MANY_FROM_S, REACH_S, Chores, plan_chores
 from egosplat_apartments.people.figure import random_clothes
 from egosplat_apartments.people.jobs import Errand, Job, find_errands
 from egosplat_apartments.people.motion import HeadMotion, plan_head
 from egosplat_apartments.people.people import Person, make_other, make_wearer, plan_other
 from egosplat_apartments.world.apartment import USUAL, Apartment, Style, make_apartment
 from egosplat_apartments.world.foreign import foreign_room, foreign_shell
-from egosplat_apartments.world.room import busy_room
+from egosplat_apartments.world.room import busy_room, random_room
 
 # Worlds by name.
 STYLES = {
@@ -87,14 +87,9 @@ class World:
     @property
     def jobs_of(self) -> dict[int, list[Job]]:
         """The jobs of each carried object in order of time, by object number."""
-        jobs = [job for person in self.people for job in person.jobs]
+        jobs = sorted((job for person in self.people for job in person.jobs), key=lambda job: job.grip_s)
         numbers = sorted({job.errand.thing.number for job in jobs})
-        return {
-            number: sorted(
-                (job for job in jobs if job.errand.thing.number == number), key=lambda job: job.grip_s
-            )
-            for number in numbers
-        }
+        return {number: [job for job in jobs if job.errand.thing.number == number] for number in numbers}
 
     def body_poses(self, seconds: float) -> dict[int, Array]:
         """(4, 4) pose of every body that is not static, by its number in the geometry."""
@@ -154,15 +149,17 @@ def _busy_apartment(
     rng: Rng, motion_rng: Rng, objects: int, seconds: float, work_s: float
 ) -> tuple[Apartment, Chores]:
     """A busy apartment, and what its people do for ``work_s`` seconds."""
-    # Less is never enough, so no apartment is tried.
+    # Things that are carried for a short time stay near in a room of the usual size.
+    style = replace(STYLES["busy"], room=busy_room if work_s >= MANY_FROM_S else random_room)
+    # Less work is never enough, so no apartment is tried.
     for _ in range(_HOMES if work_s >= LEAST_WORK_S else 0):
-        apartment = make_apartment(rng, objects, STYLES["busy"])
+        apartment = make_apartment(rng, objects, style)
         chores = plan_chores(apartment, motion_rng, seconds, work_s)
         if chores is not None:
             return apartment, chores
     raise UserError(
-        f"synthetic.world = busy: two people find no time or room to carry {PEOPLE_CARRY} objects in {work_s:g} s "
-        "of work. Use synthetic.seconds=60 with synthetic.motion=1, or another synthetic.seed."
+        f"synthetic.world = busy: two people find no time or room to carry things about in {work_s:g} s of work. "
+        f"Use synthetic.motion=1 with synthetic.seconds={LEAST_WORK_S:g} or more, or another synthetic.seed."
     )
 
 
@@ -200,10 +197,8 @@ def _people(
         return ()
     ids = _new_ids(apartment, rng)
     people = [make_wearer(ids[0], head, random_clothes(rng))]
-    if work_s >= _OTHER_FROM_S:
-        plan = plan_other(apartment, errands, rng, head, seconds, work_s)
-        if plan is not None:
-            people.append(make_other(ids[1], plan, random_clothes(rng)))
+    if work_s >= _OTHER_FROM_S and (plan := plan_other(apartment, errands, rng, head, seconds, work_s)):
+        people.append(make_other(ids[1], plan, random_clothes(rng)))
     return tuple(people)
 
 

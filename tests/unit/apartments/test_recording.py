@@ -112,6 +112,7 @@ def test_the_device_is_associated_with_the_wearer(recorded, still, tmp_path):
 
 def test_results_come_in_order_and_are_computed_at_the_same_time_and_few_wait(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "2")
+    assert threads() == 2
     second = threading.Event()
 
     def double(item: int) -> int:
@@ -127,9 +128,5 @@ def test_results_come_in_order_and_are_computed_at_the_same_time_and_few_wait(mo
     time.sleep(0.05)
     results.close()
     assert len(begun) <= 3
-
-
-@pytest.mark.parametrize("given, expected", [("3", 3), ("0", 1)])
-def test_threads_are_those_of_the_job(monkeypatch, given, expected):
-    monkeypatch.setenv("OMP_NUM_THREADS", given)
-    assert threads() == expected
+    monkeypatch.setenv("OMP_NUM_THREADS", "0")
+    assert threads() == 1
