@@ -1,135 +1,142 @@
-"""Pictures of components: the network's masks against the refined ones, and codes of variants side by side.
+"""The paper's figure 1 and its supplement's figure of transient things, of a scene on which something moves.
 
-    python -m benchmarks.ablation.pictures masks results/adt/busy1 --output masks.png
-    python -m benchmarks.ablation.pictures codes results/adt/busy1 frame_masks langsplat --output codes.png
+    snakemake --cores 2 --configfile benchmarks/ablation/pictures.yaml -- \\
+        results/adt/busy1/{,variants/{no_masks,network_masks,langsplat}/}metrics.json
+    python -m benchmarks.ablation.pictures results/adt/busy1 --output benchmarks/ablation
 
-The scene needs its variants: network_masks for the masks, those named for the codes. Frames are held out of the training.
+features.webp: what LangSplat and EgoSplat train with, and what their Gaussians render, on the training frames with most that moves.
+transient.webp: held-out frames, rendered after training on all pixels, on those that the network leaves, and that refined masks leave.
+Features of both are decoded and share their colors, principal components.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 import numpy as np
 import torch
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from benchmarks.common import command
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FRAMES, LANGUAGE, MASKS, POSES, SPLATS, TRANSIENT, camera_poses
-from egosplat.drawing import middles_of_parts, plt, save_figure, show
+from egosplat.artifacts.schemas import SCHEMAS, camera_poses
+from egosplat.drawing import hide_axes, plt
+from egosplat.images import encode_webp
+from egosplat.language.decoder import decode
 from egosplat.language.rendering import render_codes
 from egosplat.pipeline.variants import variant_folder
-from egosplat.query.scene import TrainedScene, read_trained_scene
-from egosplat.report.sheets.language_sheet import blend, code_colors
+from egosplat.query.scene import read_scene
 
-# Number of frames, and width of an image [inches].
-ROWS, CELL = 4, 2.6
+# Frames of a picture, width of a cell [inches], and quality of the file.
+FRAMES_SHOWN, CELL, QUALITY = 3, 1.5, 80
+VANILLA, INITIAL, LANGSPLAT = "no_masks", "network_masks", "langsplat"
 
-
-def trained(folder: Path, variant: str | None) -> tuple[Artifact, TrainedScene]:
-    """The Gaussians of a scene or variant."""
-    (path,) = locate(folder / variant_folder(variant), "splats")
-    splats = open_artifact(path, SPLATS)
-    return splats, read_trained_scene(splats, "auto")
+Picture = NDArray[np.floating] | NDArray[np.uint8]
+Colors = Callable[[NDArray[np.float32]], Picture]
 
 
-def most_masked(frames: Artifact, masks: Artifact) -> list[int]:
-    """Held-out frames with the most masked pixels, in order of time; a part of the recording gives one."""
-    held_out = np.flatnonzero(frames.read("evaluation"))
-    share = np.array([masks.row("refined", int(frame)).mean() for frame in held_out])
-    parts = np.array_split(np.arange(len(held_out)), min(ROWS, len(held_out)))
-    return [int(held_out[part[np.argmax(share[part])]]) for part in parts]
+class Method:
+    """The artifacts of a scene's variant, its own or shared."""
 
+    def __init__(self, folder: Path, variant: str | None) -> None:
+        """Read its Gaussians."""
+        self._folder = folder / variant_folder(variant)
+        self.poses = self.open("poses")
+        self.splats, self.features = self.open("splats"), self.open("features")
+        self.scene = read_scene(self.splats, self.open("language"), self.features, "auto")
 
-def tinted(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """A photograph with masked pixels in red."""
-    red = np.array([220, 20, 60])
-    return np.where(mask[..., None], 0.5 * photograph + 0.5 * red, photograph).astype(np.uint8)
+    def open(self, name: str) -> Artifact:
+        """One of its artifacts."""
+        (path,) = locate(self._folder, name)
+        return open_artifact(path, SCHEMAS[name])
 
-
-def draw_masks(folder: Path) -> list[list[tuple[NDArray, str]]]:
-    """Cells of each frame: photograph, network's map, render trained with it, refined mask, render trained with it."""
-    frames, poses = (open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (FRAMES, POSES))
-    masks, transient = (
-        open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (MASKS, TRANSIENT)
-    )
-    scenes = [trained(folder, variant) for variant in ("network_masks", None)]
-    rows = []
-    for frame in most_masked(frames, masks):
-        photograph = frames.row("rgb", frame)
-        renders = [
-            scene.picture(scene.camera, camera_poses(poses, splats)[frame]) for splats, scene in scenes
-        ]
-        refined = masks.row("refined", frame)
-        rows.append(
-            [
-                (photograph, f"frame {frame}"),
-                (transient.row("probability", frame).astype(np.float32), "the network's map"),
-                (renders[0], "trained with it"),
-                (tinted(photograph, refined), f"refined: {refined.mean():.1%}"),
-                (renders[1], "trained with it"),
-            ]
+    def target(self, frame: int) -> NDArray[np.float32]:
+        """(H, W, D) feature that each pixel is trained with at the largest level; 0 for none."""
+        labels = self.open("instances").row("labels", frame)[-1]
+        rows = np.flatnonzero(self.features.read("frame") == frame)
+        features = np.zeros(
+            (self.features.shape("consistent")[0] + 1, self.features.shape("supervision")[1]), np.float32
         )
-    return rows
+        features[self.features.read("instance")[rows]] = self.features.read("supervision")[rows]
+        return features[labels]
+
+    @torch.no_grad()
+    def rendered(self, frame: int) -> NDArray[np.float32]:
+        """(H, W, D) decoded feature of each pixel at the largest level; 0 where no code is."""
+        scene, pose = self.scene, camera_poses(self.poses, self.splats)[frame]
+        codes, coverage = render_codes(
+            scene.gaussians, scene.code, scene.share, scene.camera, pose, scene.settings
+        )
+        return (decode(codes[-1], scene.decoder) * (coverage[-1, ..., None] > 0.5)).cpu().numpy()
+
+    def picture(self, frame: int) -> Picture:
+        """Its render."""
+        return self.scene.picture(self.scene.camera, camera_poses(self.poses, self.splats)[frame])
 
 
-@torch.no_grad()
-def code_picture(folder: Path, variant: str | None, poses: Artifact, frame: int) -> NDArray[np.float64]:
-    """The codes of the largest level as colors, each variant with principal colors of its own."""
-    splats, scene = trained(folder, variant)
-    language = open_artifact(*locate(folder / variant_folder(variant), "language"), LANGUAGE)
-    code, share = language.read("code"), language.read("share")
-    colors = code_colors(code, share)
-    on_device = (torch.from_numpy(part).to(scene.gaussians.means.device) for part in (colors, share))
-    pose = camera_poses(poses, splats)[frame]
-    found = render_codes(scene.gaussians, *on_device, scene.camera, pose, scene.settings)
-    return blend(*(values[-1].cpu().numpy() for values in found))
+def colors_of(features: NDArray[np.float32]) -> Colors:
+    """Colors of features by the three principal components of (N, D) others, gray for 0."""
+    mean = features.mean(axis=0)
+    scale, directions = np.linalg.svd(features - mean, full_matrices=False)[1:]
+    spread = 2 * scale[:3] / np.sqrt(len(features))
+    signs = np.sign(directions[np.arange(3), np.abs(directions[:3]).argmax(axis=1)])
+    axes = directions[:3].T * signs / (2 * spread)
+    return lambda values: np.where(
+        values.any(axis=-1, keepdims=True), np.clip(0.5 + (values - mean) @ axes, 0, 1), 0.25
+    )
 
 
-def draw_codes(folder: Path, variants: tuple[str, ...]) -> list[list[tuple[NDArray, str]]]:
-    """Cells of each frame: photograph, codes of each variant, codes of the scene."""
-    frames, poses = (open_artifact(folder / f"{schema.name}.zarr", schema) for schema in (FRAMES, POSES))
-    held_out = np.flatnonzero(frames.read("evaluation"))
-    shown = [int(held_out[one]) for one in middles_of_parts(len(held_out), ROWS)]
-    return [
-        [
-            (frames.row("rgb", frame), f"frame {frame}"),
-            *((code_picture(folder, one, poses, frame), one or "EgoSplat") for one in (*variants, None)),
-        ]
-        for frame in shown
-    ]
+def most_masked(masks: Artifact, rows: NDArray[np.int64]) -> list[int]:
+    """The frame with the most masked pixels of each part of the recording."""
+    share = np.array([masks.row("refined", int(row)).mean() for row in rows])
+    parts = np.array_split(np.arange(len(rows)), FRAMES_SHOWN)
+    return [int(rows[part[share[part].argmax()]]) for part in parts]
+
+
+def draw(rows: list[dict[str, Picture]], output: Path) -> None:
+    """Draw rows of pictures with their titles as WebP."""
+    size = (CELL * len(rows[0]), CELL * len(rows) + 0.25)
+    figure, grid = plt.subplots(len(rows), len(rows[0]), squeeze=False, figsize=size, dpi=110)
+    for cells, row in zip(grid, rows, strict=True):
+        for cell, (title, picture) in zip(cells, row.items(), strict=True):
+            hide_axes(cell)
+            cell.imshow(picture, cmap="inferno", vmin=0, vmax=1)
+            if row is rows[0]:
+                cell.set_title(title, fontsize=7)
+    figure.subplots_adjust(0, 0, 1, 1 - 0.2 / size[1], 0.02, 0.02)
+    figure.canvas.draw()
+    output.write_bytes(encode_webp(np.asarray(figure.canvas.buffer_rgba())[..., :3], QUALITY).tobytes())
+    plt.close(figure)
 
 
 @command(__doc__)
-@click.argument("what", type=click.Choice(["masks", "codes"]))
 @click.argument("folder", type=click.Path(exists=True, path_type=Path))
-@click.argument("variants", nargs=-1)
-@click.option("--output", type=click.Path(path_type=Path), required=True)
-def main(what: str, folder: Path, variants: tuple[str, ...], output: Path) -> None:
-    """Draw the picture."""
-    rows = draw_masks(folder) if what == "masks" else draw_codes(folder, variants)
-    columns = len(rows[0])
-    figure, grid = plt.subplots(
-        len(rows),
-        columns,
-        squeeze=False,
-        figsize=(CELL * columns, (CELL + 0.2) * len(rows)),
-        layout="constrained",
-    )
-    for cells, row in zip(grid, rows, strict=True):
-        draw_row(cells, row)
-    save_figure(figure, output)
-
-
-def draw_row(cells: NDArray[np.object_], row: list[tuple[NDArray, str]]) -> None:
-    """Draw the pictures of a frame beside each other."""
-    cell: Axes
-    for cell, (picture, title) in zip(cells, row, strict=True):
-        cell.set_axis_off()
-        style = {"cmap": "inferno", "vmin": 0.0, "vmax": 1.0} if picture.ndim == 2 else {}
-        show(cell, picture, title, **style)
+@click.option("--output", type=click.Path(path_type=Path), required=True, help="Folder of the pictures.")
+def main(folder: Path, output: Path) -> None:
+    """Draw both pictures."""
+    vanilla, initial, langsplat, own = (Method(folder, one) for one in (VANILLA, INITIAL, LANGSPLAT, None))
+    frames, masks, transient = own.open("frames"), own.open("masks"), own.open("transient")
+    trained = np.unique(own.features.read("frame"))
+    colors = colors_of(own.features.read("supervision"))
+    rows: list[dict[str, Picture]] = []
+    for frame in most_masked(masks, np.intersect1d(trained, langsplat.features.read("frame"))):
+        row: dict[str, Picture] = {"photograph": frames.row("rgb", frame)}
+        for name, method in (("LangSplat", langsplat), ("EgoSplat", own)):
+            row[f"{name}: trained with"] = colors(method.target(frame))
+            row[f"{name}: rendered"] = colors(method.rendered(frame))
+        rows.append(row)
+    draw(rows, output / "features.webp")
+    rows = []
+    for frame in most_masked(masks, np.flatnonzero(frames.read("evaluation"))):
+        row = {"photograph": frames.row("rgb", frame)}
+        row |= {"3DGS": vanilla.picture(frame), "its features": colors(vanilla.rendered(frame))}
+        row["the network's map"] = transient.row("probability", frame).astype(np.float32)
+        row |= {"with it": initial.picture(frame), "features with it": colors(initial.rendered(frame))}
+        row["refined mask"] = masks.row("refined", frame).astype(np.float32)
+        row |= {"with this": own.picture(frame), "features with this": colors(own.rendered(frame))}
+        rows.append(row)
+    draw(rows, output / "transient.webp")
 
 
 if __name__ == "__main__":

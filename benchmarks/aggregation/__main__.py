@@ -1,141 +1,147 @@
-"""Accuracy of features aggregated over views, and of their compression, on held-out worlds.
+"""Accuracy of features aggregated over the views of tracks that slip onto one other thing, and how far the paper's tracks slip.
 
-    python -m training.render_worlds data/held_out --worlds 20 --held-out
-    python -m benchmarks.aggregation data/held_out > benchmarks/aggregation/README.md
+    snakemake --cores 2 --configfile benchmarks/aggregation/config.yaml -- results/adt/{busy,scene}{1,2}/instances.zarr
+    python -m benchmarks.aggregation results/adt/{busy,scene}{1,2} --output benchmarks/aggregation
 
-Replaces a share of each object's views by wrong ones, then names each object by the text nearest to its feature.
+Names each thing by the text nearest to the mean of its views. A crop follows from a frame and a mask, so true views with exchanged
+things are what ``instances.source: tracks`` gives where a tracker slips.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
 import numpy as np
-import torch
+import pandas as pd
 from numpy.typing import NDArray
 
-from benchmarks.aggregation.tracks import KINDS, Features, Tracks, corrupted, find_tracks
-from benchmarks.common import command, markdown
-from benchmarks.small_sam2.worlds import world_folders
-from egosplat.features.aggregation import NORMS, aggregate
-from egosplat.features.compression import fit
-from egosplat.features.supervision import reconstruction, spread
-from egosplat.language.decoder import decode
+from benchmarks.aggregation.tracks import Features, Tracks, read_tracks, shares_of_others, slipped_tracks
+from benchmarks.common import command, markdown, scene_folders
+from egosplat.drawing import plt, save_figure
+from egosplat.features.aggregation import aggregate
 from egosplat.language.vectors import unit
-from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.progress import track
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
-from training.small_models.worlds import read_world
 
-SHARES = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-METHODS = {"view": "each view alone", "none": "mean of all views"} | {
-    norm: f"MAD, {norm}, k = 3" for norm in NORMS if norm != "none"
+SHARES = (0.0, 0.1, 0.2, 0.3, 0.35, 0.4, 0.45, 0.5, 0.6)
+ROWS, PICTURE = "rows.csv.xz", "slipped.png"
+# Draws of wrong views, and of things for an interval.
+TRIALS, DRAWS = 5, 1000
+
+
+def geometric_median(views: Features) -> NDArray[np.float64]:
+    """(D,) the point of least summed distance to (V, D) views."""
+    center = views.mean(axis=0, dtype=np.float64)
+    for _ in range(50):
+        weight = 1 / np.maximum(np.linalg.norm(views - center, axis=1), 1e-6)
+        center = weight @ views / weight.sum()
+    return center
+
+
+def by_mad(k: float, norm: str = "element") -> Callable[[Features], NDArray[np.float64]]:
+    """The mean of the views that deviate from their median by at most k MAD."""
+    return lambda views: aggregate(views, np.zeros(len(views), np.int64), 1, norm, k).feature[0]
+
+
+METHODS: dict[str, Callable[[Features], NDArray[np.float64]]] = {
+    "mean of all views": by_mad(3.0, "none"),
+    "MAD, k = 3": by_mad(3.0),
+    "MAD, k = 1": by_mad(1.0),
+    "geometric median": geometric_median,
 }
-# By kind of compression; an autoencoder takes a hundred times as long to fit.
-DIMS = {"linear": (1, 2, 3, 4, 6, 8, 12, 16, 24, 32), "autoencoder": (3, 4, 8, 16)}
-# The true name must be among this many nearest ones.
-TOPS = (1, 5)
-
-K = 3.0
+EACH = "each view alone"
 
 
-class Naming:
-    """Objects that are named by the nearest of all names."""
-
-    def __init__(self, tracks: Tracks, clip: OpenClip) -> None:
-        self.tracks = tracks
-        names = sorted(CATEGORY_UIDS)
-        with clip.compute.inference():
-            self.texts = unit(clip.model.encode_text(clip.tokenizer(names)).float().numpy())
-        self.truth = np.searchsorted(names, tracks.name)
-
-    def hits(self, features: NDArray[np.floating], truth: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """(tops, R) whether the true text is among the nearest to each feature."""
-        similarity = features @ self.texts.T
-        nearer = (similarity > np.take_along_axis(similarity, truth[:, None], axis=1)).sum(axis=1)
-        return np.stack([nearer < top for top in TOPS])
-
-    def accuracy(self, features: Features, method: str) -> NDArray[np.float64]:
-        """(tops,) share of objects named right from (R, D) features of their views; each object counts once."""
-        thing, count = self.tracks.thing, len(self.truth)
-        if method == "view":
-            hits = self.hits(features, self.truth[thing])
-            return np.stack([np.bincount(thing, hit) / np.bincount(thing) for hit in hits]).mean(axis=1)
-        return self.hits(aggregate(features, thing, count, method, K).feature, self.truth).mean(axis=1)
+def named(tracks: Tracks) -> pd.DataFrame:
+    """Rows: share of slipped views, method, thing, and the share of its trials (or of its views) that are named right."""
+    clip = load_open_clip("small", "small", "cpu", "float32")
+    names = sorted(CATEGORY_UIDS)
+    with clip.compute.inference():
+        texts = unit(clip.model.encode_text(clip.tokenizer(names)).float().numpy())
+    truth = np.searchsorted(names, tracks.name)
+    first = np.searchsorted(tracks.thing, np.arange(1, len(truth)))
+    found = []
+    for share in track(SHARES, "slipping", unit="share"):
+        hits = np.zeros((len(METHODS) + 1, len(truth)))
+        for trial in range(TRIALS):
+            features = slipped_tracks(tracks, share, np.random.default_rng(trial))
+            for thing, views in enumerate(np.split(features, first)):
+                nearest = [texts @ method(views) for method in METHODS.values()]
+                hits[:-1, thing] += [scores.argmax() == truth[thing] for scores in nearest]
+                hits[-1, thing] += ((views @ texts.T).argmax(axis=1) == truth[thing]).mean()
+        for method, right in zip((*METHODS, EACH), hits / TRIALS, strict=True):
+            found += [(share, method, thing, round(value, 3)) for thing, value in enumerate(right)]
+    return pd.DataFrame(found, columns=["share", "method", "thing", "right"])
 
 
-def accuracies(naming: Naming, kind: str, trials: int) -> NDArray[np.float64]:
-    """(methods, shares, tops) accuracies with one kind of wrong views, means over the trials."""
-    found = np.zeros((len(METHODS), len(SHARES), len(TOPS)))
-    for column, share in enumerate(track(SHARES, f"corrupting: {kind}", unit="share")):
-        for trial in range(trials):
-            features = corrupted(naming.tracks, kind, share, np.random.default_rng([trial, column]))
-            found[:, column] += [naming.accuracy(features, method) / trials for method in METHODS]
-    return found
+def gains(rows: pd.DataFrame) -> str:
+    """The table: things named right by the mean [%], and what each other method gains [points], with 95 % intervals over things."""
+    things = rows.pivot_table(index=["share", "thing"], columns="method", values="right")
+    drawn = np.random.default_rng(0).integers(0, rows["thing"].nunique(), (DRAWS, rows["thing"].nunique()))
+    lines = []
+    for share, right in things.groupby(level="share"):
+        mean, *others = METHODS
+        line = [f"{share:.0%}", f"{100 * right[mean].mean():.1f}"]
+        for method in (*others, EACH):
+            gained = 100 * (right[method] - right[mean]).to_numpy()
+            low, high = np.percentile(gained[drawn].mean(axis=1), [2.5, 97.5])
+            line.append(f"{gained.mean():+.1f} ({low:+.1f} to {high:+.1f})")
+        lines.append(line)
+    return markdown(["slipped views", *METHODS, EACH], lines)
 
 
-def compressed(naming: Naming, epochs: int) -> Iterator[list[object]]:
-    """Rows: kind, dimensions, mean reconstruction cosine, mean cosine between objects, accuracy after decoding.
-
-    Each world has its own compression, fitted to the averages of its views' and objects' features.
-    """
-    tracks = naming.tracks
-    features = aggregate(tracks.feature, tracks.thing, len(tracks.name), "element", K).feature
-    consistent = unit(features).astype(np.float32)
-    supervision = unit(tracks.feature + consistent[tracks.thing]).astype(np.float32)
-    settings = [(kind, dims) for kind, several in DIMS.items() for dims in several]
-    for kind, dims in [("none", supervision.shape[1]), *settings]:
-        rows = []
-        for world in np.unique(tracks.world):
-            mine = tracks.world == world
-            features = supervision[mine[tracks.thing]]
-            fitted = fit(features, kind, dims, epochs, 0)
-            decoded = decode(torch.from_numpy(fitted.encode(consistent[mine])), fitted.decoder).numpy()
-            cosine = reconstruction(features, fitted.encode(features), fitted.decoder).mean()
-            right = naming.hits(decoded, naming.truth[mine])[0].mean()
-            rows.append((cosine, spread(decoded), right, mine.sum()))
-        cosine, apart, right, weight = np.array(rows, float).T
-        means = (cosine.mean(), apart.mean(), float(np.average(right, weights=weight)))
-        yield [kind, dims, *(f"{mean:.3f}" for mean in means)]
+def draw(rows: pd.DataFrame, output: Path) -> None:
+    """Draw how many things each method names right, by the share of slipped views."""
+    figure, axes = plt.subplots(figsize=(6.4, 3.6), layout="constrained")
+    means = rows.groupby(["method", "share"])["right"].mean()
+    for method in (*METHODS, EACH):
+        line = 100 * means[method]
+        axes.plot(100 * line.index, line, "o-", ms=3, label=method)
+    axes.set(
+        xlabel="views of a thing that show one other thing [%]",
+        ylabel="things named right [%]",
+        ylim=(0, 100),
+    )
+    axes.legend(fontsize=8)
+    save_figure(figure, output)
 
 
-def introduction(naming: Naming, model: str, trials: int) -> str:
-    """Title and first lines of the page."""
-    tracks = naming.tracks
-    views = np.bincount(tracks.thing)
-    return (
-        f"# Aggregation and compression of features\n\n`python -m benchmarks.aggregation`: {len(tracks.name)} objects of "
-        f"{len(np.unique(tracks.world))} held-out worlds with {views.min()} to {views.max()} views (mean {views.mean():.1f}), "
-        f"OpenCLIP {model}. Accuracy is the share of objects named right among {len(naming.texts)} names, with the true one "
-        f"nearest / among the {TOPS[1]} nearest, mean of {trials} trials."
+def slips(folders: Sequence[Path]) -> str:
+    """Lines on how far the tracks of finished scenes slip."""
+    lines = []
+    for folder in folders:
+        if (folder / "instances.zarr").exists():
+            views, others, other = shares_of_others(folder, folder / "instances.zarr")
+            lines.append(
+                [
+                    folder.name,
+                    len(views),
+                    f"{views.mean():.0f}",
+                    f"{np.average(others, weights=views):.1%}",
+                    f"{(other >= 0.3).mean():.1%}",
+                ]
+            )
+    return markdown(
+        ["scene", "instances", "views each", "slipped views", "instances with 30 % of one other thing"], lines
     )
 
 
 @command(__doc__)
-@click.argument("worlds", type=click.Path(exists=True, path_type=Path))
-@click.option("--clip-model", default="small", show_default=True)
-@click.option("--clip-checkpoint", default="small", show_default=True)
-@click.option("--epochs", default=100, show_default=True, help="Of the autoencoders.")
-@click.option("--trials", default=5, show_default=True, help="Draws of wrong views.")
-def main(worlds: Path, clip_model: str, clip_checkpoint: str, epochs: int, trials: int) -> None:
-    """Print the tables."""
-    clip = load_open_clip(clip_model, clip_checkpoint, "cpu", "float32")
-    films = [read_world(folder) for folder in world_folders(worlds)]
-    naming = Naming(find_tracks(films, set(CATEGORY_UIDS), clip), clip)
-    click.echo(introduction(naming, clip_model, trials))
-    for kind, about in KINDS.items():
-        found = accuracies(naming, kind, trials)
-        rows = [
-            [f"{share:.0%}", *(" / ".join(f"{value:.3f}" for value in each) for each in found[:, column])]
-            for column, share in enumerate(SHARES)
-        ]
-        table = markdown(["share wrong", *METHODS.values()], rows, words=0)
-        click.echo(f"\n## Wrong views: {about}\n\n{table}")
-    columns = ("kind", "dimensions", "reconstruction cosine", "cosine between objects", "nearest is right")
+@scene_folders
+@click.option(
+    "--output", type=click.Path(path_type=Path), required=True, help="Folder of the rows and the picture."
+)
+def main(folders: tuple[Path, ...], output: Path) -> None:
+    """Write the rows and the picture, and print the tables."""
+    tracks = read_tracks(folders, set(CATEGORY_UIDS))
+    rows = named(tracks)
+    rows.to_csv(output / ROWS, index=False)
+    draw(rows, output / PICTURE)
     click.echo(
-        f"\n## Compression of each world's features\n\n{markdown(columns, compressed(naming, epochs))}"
+        f"{len(tracks.name)} things, {len(tracks.thing) / len(tracks.name):.0f} views each, {TRIALS} trials.\n"
     )
+    click.echo(f"{gains(rows)}\n\n{slips(folders)}")
 
 
 if __name__ == "__main__":

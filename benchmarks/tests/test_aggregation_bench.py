@@ -1,45 +1,34 @@
-"""Tracks are made wrong as far, and in the way, that is said."""
+"""Tracks slip as far, and onto what, is said, and the page has the figures of its rows."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from benchmarks.aggregation.tracks import KINDS, Tracks, corrupted, slid
+from benchmarks.aggregation.__main__ import METHODS, ROWS, gains
+from benchmarks.aggregation.tracks import Tracks, slipped_tracks
+from benchmarks.common import ROOT
 
-VIEWS = 10
-
-
-@pytest.fixture
-def tracks() -> Tracks:
-    """Four things of two worlds; a feature says which thing it shows, and 9 where the mask slid off."""
-    thing = np.repeat(np.arange(4), VIEWS)
-    right = np.stack([thing, np.tile(np.arange(VIEWS), 4)], axis=1).astype(np.float32)
-    wrong = np.full_like(right, 9)
-    return Tracks(np.array([0, 0, 0, 1]), np.array(["cup", "book", "cup", "book"]), thing, right, wrong)
+VIEWS, PAGE = 10, ROOT / "benchmarks/aggregation"
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
-def test_the_given_share_of_views_is_corrupted(tracks, kind, share):
-    found = corrupted(tracks, kind, share, np.random.default_rng(0))
-    changed = (found != tracks.feature).any(axis=1).reshape(4, VIEWS).sum(axis=1)
-    assert changed[:3].tolist() == [share * VIEWS] * 3
-    assert changed[3] == (share * VIEWS if kind == "slid" else 0)  # alone in its world
+def test_the_given_share_of_views_shows_one_other_thing_of_the_scene(share):
+    thing = np.repeat(np.arange(4), VIEWS)
+    feature = np.stack([thing, np.tile(np.arange(VIEWS), 4)], axis=1).astype(np.float32)
+    tracks = Tracks(np.array([0, 0, 0, 1]), np.array(["cup", "book", "cup", "book"]), thing, feature)
+    found = slipped_tracks(tracks, share, np.random.default_rng(0))
+    shown = found[:, 0].reshape(4, VIEWS)
+    wrong = shown != np.arange(4)[:, None]
+    assert wrong.sum(axis=1).tolist() == [share * VIEWS] * 3 + [0]  # the last is alone in its scene
+    assert (shown[[0, 2]][wrong[[0, 2]]] == 1).all() and len({*shown[1][wrong[1]]}) <= 1
 
 
-@pytest.mark.parametrize("kind", ["switched", "scattered"])
-def test_what_is_wrong_is_of_the_same_world_and_another_name(tracks, kind):
-    found = corrupted(tracks, kind, 0.5, np.random.default_rng(0))[:, 0].reshape(4, VIEWS)
-    assert set(found[0]) == {0, 1} and set(found[2]) == {2, 1}
-    others = set(found[1]) - {1}
-    assert len(others) == 1 if kind == "switched" else others == {0, 2}
+def test_all_methods_give_the_mean_of_equal_views_and_some_leave_a_third_out():
+    views = np.array([[1.0, 0.0]] * 6 + [[0.0, 1.0]] * 3)
+    found = {name: method(views) for name, method in METHODS.items()}
+    assert found.pop("mean of all views").tolist() == pytest.approx([2 / 3, 1 / 3])
+    assert all(np.allclose(value, [1, 0], atol=0.02) for value in found.values())
 
 
-@pytest.mark.parametrize("left, top", [(0, 0), (14, 0), (0, 9), (14, 9)])
-def test_a_slid_mask_keeps_its_shape_and_stays_in_the_picture(left, top):
-    labels = np.full((12, 20), -1, np.int32)
-    labels[top : top + 3, left : left + 6] = 5
-    labels[top, left] = -1
-    moved, box = slid(labels, np.array([left, top, left + 6, top + 3]), 5)
-    assert (moved == 5).sum() == 17 and not ((moved == 5) & (labels == 5)).any()
-    x0, y0, x1, y1 = box
-    assert (moved[y0:y1, x0:x1] == labels[top : top + 3, left : left + 6]).all()
+def test_the_page_has_the_table_of_its_rows():
+    assert gains(pd.read_csv(PAGE / ROWS)) in (PAGE / "README.md").read_text()

@@ -5,7 +5,6 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.aggregation import __main__ as aggregation
 from benchmarks.segments import __main__ as segments
 from benchmarks.single_frames import __main__ as single_frames
 from benchmarks.small_open_clip import __main__ as small_open_clip
@@ -61,13 +60,3 @@ def test_crops_are_named(worlds, tmp_path):
     kinds = {row[0]: row[1:] for row in cells(said)}
     assert {"masked crop", "unmasked square", "tile"} <= set(kinds)
     assert 0 < int(kinds["masked crop"][-1].replace(",", "")) <= count
-
-
-def test_features_are_aggregated_and_compressed(worlds):
-    said = run(aggregation.main, worlds, "--epochs", 1, "--trials", 1)
-    things = int(re.search(r"(\d+) objects of 1 held-out worlds", said)[1])
-    rows = cells(said)
-    assert things > 0 and [row[0] for row in rows].count("60%") == len(aggregation.KINDS)
-    fitted = [row for row in rows if row[0] == "linear"]
-    assert [int(row[1]) for row in fitted] == list(aggregation.DIMS["linear"])
-    assert all(0 < float(row[2]) <= 1 for row in fitted)

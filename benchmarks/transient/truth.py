@@ -24,11 +24,12 @@ class Truth:
     """The truth of one recording.
 
     Attributes:
-        names: of its N instances.
+        names, categories: of its N instances.
         moves: (N,) bool.
     """
 
     names: list[str]
+    categories: list[str]
     moves: NDArray[np.bool_]
     _reader: Annotations
     _times: NDArray[np.int64]
@@ -50,8 +51,8 @@ def read_truth(recording: Path, frames: Artifact) -> Truth:
         raise ValueError(f"{recording}: is not annotated")
     moved = moved_objects(recording / "scene_objects.csv")
     moves = [one.instance_type == "human" or one.id in moved for one in reader.instances]
-    names = [one.name for one in reader.instances]
-    return Truth(names, np.array(moves), reader, frames.read("timestamp_ns"))
+    names, categories = zip(*((one.name, one.category) for one in reader.instances), strict=True)
+    return Truth([*names], [*categories], np.array(moves), reader, frames.read("timestamp_ns"))
 
 
 def moved_objects(table: Path) -> set[int]:

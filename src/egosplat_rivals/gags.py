@@ -15,11 +15,10 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.loop import Layers, Step, Trainee, adam, fewer_iterations, train
 
-# Published: numbers of a code, layers of both decoders, learning rates, and iterations; weights of the entropy in the two
+# Published: layers of both decoders after a code's numbers, learning rates, and iterations; weights of the entropy in the two
 # halves of training, and of the variance in the second; half of the resolution, and the side of the square over which
 # weights of levels are averaged there.
-CHANNELS, HIDDEN, SKIPS = 16, (256,) * 8, ((0, 2), (2, 5))
-SCALES = (CHANNELS, 64, 128, 64, 32, 16, 3)
+HIDDEN, SKIPS, SCALES = (256,) * 8, ((0, 2), (2, 5)), (64, 128, 64, 32, 16, 3)
 _CODE_RATE, _LAYER_RATE, _ITERATIONS = 1e-3, 1e-4, 30_000
 ENTROPY, VARIANCE = (0.001, 0.002), 0.1
 _STRIDE, _SMOOTHED = 2, 5
@@ -108,15 +107,16 @@ def variance_within(values: Tensor, sample: Sample, pixels: int) -> Tensor:
 
 
 class GranularCodes(Trainee):
-    """Codes, (N, 16), with two decoders: to features, and to the logits of the three levels' weights."""
+    """Codes, (N, C), with two decoders: to features, and to the logits of the three levels' weights."""
 
     def __init__(self, views: CodeViews, targets: CodeTargets, options: LanguageOptions) -> None:
         """Start from zero codes and random decoders."""
         super().__init__(views, options)
         device = views.device
-        self.code = nn.Parameter(torch.zeros(views.gaussians.count, CHANNELS, device=device))
-        self.decoder = Layers((CHANNELS, *HIDDEN, targets.channels), options.seed, device, skips=SKIPS)
-        self.scales = Layers(SCALES, options.seed, device)
+        dims = options.granular_dims
+        self.code = nn.Parameter(torch.zeros(views.gaussians.count, dims, device=device))
+        self.decoder = Layers((dims, *HIDDEN, targets.channels), options.seed, device, skips=SKIPS)
+        self.scales = Layers((dims, *SCALES), options.seed, device)
         self.optimizers = [
             adam([([self.code], _CODE_RATE)]),
             torch.optim.Adam([self.decoder.values, self.scales.values], lr=_LAYER_RATE),
@@ -142,7 +142,7 @@ class GranularCodes(Trainee):
         return loss + VARIANCE * variance_within(rendered, sample, len(coarse)) if later else loss
 
     def weights(self, rendered: Tensor) -> Tensor:
-        """(..., 16) -> (..., 3) weights of the levels; the codes get no gradient."""
+        """(..., C) -> (..., 3) weights of the levels; the codes get no gradient."""
         return self.scales(rendered.detach()).softmax(dim=-1)
 
     def _errors(self, view: int, rendered: Tensor, labels: Tensor, pixels: Tensor) -> Tensor:

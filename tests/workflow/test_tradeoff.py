@@ -46,12 +46,6 @@ def test_variants_share_what_they_have_in_common(unchanged, names, expected):
     assert planned(unchanged, *names) == expected
 
 
-def test_the_paper_scaled_shares_pictures_and_poses(unchanged):
-    found = planned(unchanged, "paper_scaled")
-    assert set(found).isdisjoint({"frames", "annotations", "poses"})
-    assert found["segments"] == found["splats"] == found["metrics"] == 1
-
-
 @pytest.mark.slow
 def test_a_page_of_one_variant_is_made_and_then_up_to_date(workdir):
     assert planned(workdir, "narrow")["tradeoff"] == 1

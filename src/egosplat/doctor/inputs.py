@@ -9,11 +9,12 @@ from egosplat.errors import UserError
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
-from egosplat.pipeline.config import Config, LayeredConfig, merge, read_yaml, resolve
+from egosplat.pipeline.config import Config, LayeredConfig, merge, read_yaml, resolve, stage_values
 from egosplat.pipeline.home import CONFIG, PRESETS, find_home
 from egosplat.pipeline.model_sets import locate_checkpoints
 from egosplat.pipeline.scenes import Scene, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import load_yaml
+from egosplat.transient.options import TransientOptions
 
 MIB = 1024**2
 
@@ -109,6 +110,10 @@ def _models(config: Config) -> Iterator[Finding]:
     if weights := config["transient"]["encoder_weights"]:
         yield tried("encoder", lambda: _encoder(expand_home(weights)))
     yield tried("models run on", compute)
+    unmoved = TransientOptions(**stage_values("transient", config)).stays_at_start()
+    if config["splats"]["masking"] != "none" and unmoved:
+        first, _, advice = unmoved.partition(". ")
+        yield Finding(Mark.NOTE, "transient", first, advice)
 
 
 def _model(model: ModelSpec, config: Config, what: str) -> Finding:

@@ -60,7 +60,7 @@ class FeaturesOptions(SeedOptions):
     own feature. average: the mean with the consistent feature, as in the paper. A view counts as mismatched if its
     cosine with the consistent feature is below the midpoint between 1 and the mean cosine between different
     instances. On five apartments keep_own found 3.3 points more queries, which may be chance
-    (benchmarks/variants/README.md). With correct tracks hardly a view is affected."""
+    (benchmarks/aggregation/README.md). With correct tracks hardly a view is affected."""
 
     compression: Literal["linear", "autoencoder", "none"] = "linear"
     """Compression of features to the codes of the Gaussians. linear: mean and orthonormal basis of the scene. It

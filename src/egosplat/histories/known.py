@@ -129,10 +129,7 @@ def _read(histories: Artifact, seconds: Array) -> list[Carried]:
 
 
 def _between(tracked: Sequence[Carried], rests: Rests, row: int, before: int, after: int) -> Carried:
-    """A carry from the end of the rest before it to the begin of the rest after it; -1 for a row or a rest that is not known.
-
-    Where there is no rest, nothing confirms the place that the track tells.
-    """
+    """A carry from the end of the rest before it to the begin of the rest after it; -1 for a row or a rest that is not known."""
     rest = after if after >= 0 else before
     if row >= 0:
         known = tracked[row]

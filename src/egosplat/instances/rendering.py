@@ -88,11 +88,8 @@ def _boxes(shown: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Box
 
 
 def _span(shown: NDArray[np.bool_], length: int) -> tuple[slice, slice]:
-    """The cells from the first to the last of (n,) that is shown, and their pixels where n cells are ``length`` pixels.
-
-    A cell more on each side takes part in the interpolation. Both spans end where a cell's border is a pixel's border, so
-    that their interpolation is that of the whole.
-    """
+    """The cells from the first to the last of (n,) that is shown, and their pixels where n cells are ``length`` pixels."""
+    # A cell more on each side takes part in the interpolation, and a cell's border is a pixel's at both ends.
     parts = math.gcd(len(shown), length)
     step, pixels = len(shown) // parts, length // parts
     first, last = np.flatnonzero(shown)[[0, -1]].tolist()

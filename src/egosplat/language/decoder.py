@@ -111,10 +111,8 @@ def apply_layers(codes: Tensor, layers: list[tuple[Tensor, Tensor]], decoder: De
 
 
 def _used(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
-    """(..., in) values without channels that are 0 in every row, and (out, in) weights without their columns.
-
-    After a ReLU nearly half are 0. On a GPU it would have to wait for their number, and training to record the choice.
-    """
+    """(..., in) values without channels that are 0 in every row, and (out, in) weights without their columns."""
+    # After a ReLU nearly half are 0. On a GPU it would have to wait for their number, and training to record the choice.
     narrow = values.shape[-1] < _WIDE or not values.numel()
     if narrow or values.device.type != "cpu" or torch.is_grad_enabled():
         return values, weights

@@ -21,6 +21,9 @@ class LanguageOptions(MaskSourceOptions, SeedOptions, BackendOptions):
     """Training iterations, one view each, if method trains. LangSplat, GAGS, LERF and LEGaussians use 30,000,
     LangSplatV2 10,000 for each of three levels; here an iteration of sparse trains one level."""
 
+    granular_dims: Count = 16
+    """Numbers of a Gaussian's code if method is granular: 16 as in GAGS, 3 in the paper's comparison."""
+
     lr: Positive = 0.0025
     """Adam learning rate if method is trained or sparse. LangSplat and LangSplatV2 use 0.0025. Codes start at 0."""
 

@@ -92,9 +92,8 @@ class ThresholdOptions(Options, section="masks"):
 
     threshold: Share = 0.7
     """Mean probability from which an instance is transient. Lower masks more. The paper uses 0.02 for ADT and 0.1
-    for HOI4D. The best value depends on transient_penalty, lr and iterations of the section transient; with their
-    defaults 0.65 to 0.75 work equally well. Where segments tracks what moves, a mask starts a track from six
-    sevenths of it."""
+    for HOI4D. The best value depends on transient_penalty, lr and iterations of transient; with their defaults 0.65
+    to 0.75 work equally well. Where segments tracks what moves, a mask starts a track from six sevenths of it."""
 
 
 class MaskSourceOptions(Options, section="segments"):

@@ -253,10 +253,8 @@ def _superpixels(image: WorkingImage) -> Labels:
 
 
 def _profiles(image: WorkingImage, labels: Labels, count: int) -> Floats:
-    """(count, 4, B) cumulative histograms of lightness, a, b and texture, summed over the pixels of each label.
-
-    Scaled, so that the absolute differences of two, each divided by its area, sum to the weighted earth mover's distance.
-    """
+    """(count, 4, B) cumulative histograms of lightness, a, b and texture, summed over the pixels of each label."""
+    # Scaled, so that the absolute differences of two, each divided by its area, sum to the weighted earth mover's distance.
     lab, unit = image.lab, image.unit
     power = np.square(lab - cv2.GaussianBlur(lab, (0, 0), _DETAIL * unit)).sum(axis=2)
     texture = np.sqrt(cv2.GaussianBlur(power, (0, 0), _NEIGHBORHOOD * unit))

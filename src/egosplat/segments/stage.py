@@ -109,10 +109,7 @@ def _segment_with_sam2(
     work: Work,
     tracks: Checkpoint,
 ) -> Segmented | None:
-    """Segment the frames, of which ``training`` may be prompted, and track; None for a chunk.
-
-    ``rows``: indices of the video's frames in frames.zarr. ``tracks``: the checkpoint of tracking.
-    """
+    """Segment frames ``rows``, of which ``training`` may be prompted, and track (checkpoint ``tracks``); None for a chunk."""
     # Imported here: sam2 takes seconds to import, and the classical segmenter does not need it.
     from egosplat.models.sam2_loader import load_sam2
     from egosplat.segments.moving import add_tracks, track_moving

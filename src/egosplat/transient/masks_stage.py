@@ -150,12 +150,7 @@ def _find_regions(
     rows: NDArray[np.int64],
     sure_probability: float,
 ) -> RegionMasks:
-    """Find the regions of the training frames ``rows`` that the network is sure of for several frames.
-
-    Args:
-        still: (N,) instances that stand still.
-        called: (N,) instances that the network calls transient; where it errs about one, it is not sure of anything.
-    """
+    """Find what lasts; where the network errs about a ``still`` one of the ``called`` instances, it is not sure of anything."""
     frames, transient, _ = inputs
     measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
     regions = {}

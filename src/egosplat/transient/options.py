@@ -13,6 +13,9 @@ from egosplat.pipeline.shared_options import (
     ThresholdOptions,
 )
 
+# Learning rate times trained iterations from which static pixels reach a low probability (benchmarks/ablation/README.md).
+LEAST_REACH = 0.7
+
 
 class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions):
     """Network that predicts moving pixels, trained together with temporary Gaussians."""
@@ -23,7 +26,7 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
 
     warmup: Annotated[Share, READING] = 0.3
     """Fraction of iterations that train only the Gaussians, so that unfinished geometry is not mistaken for motion.
-    Too long, and the Gaussians fit the moving objects. The paper mentions no warm-up."""
+    Too long, and the Gaussians fit what moves. The paper mentions none."""
 
     resolution: Annotated[int, Field(ge=32)] = 128
     """Longer side in pixels at which frames and renders are compared; never larger than the frames. The paper
@@ -32,8 +35,7 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     transient_penalty: Annotated[float, Field(ge=0), READING] = 2
     """Loss of a pixel that the network calls transient, in the unit of penalty_unit; it does so if the residual is
     larger. Larger masks less. The paper prints 0.2 and EgoLifter uses 0.01, both absolute
-    (docs/method.md#transient-loss). In ten synthetic apartments the median residual of static pixels is 0.9 to 1.0
-    units, and that of moving ones 3 to 12."""
+    (docs/method.md#transient-loss). Median residuals are 0.9 to 1.0 units of static pixels, 3 to 12 of moving ones."""
 
     penalty_unit: Annotated[Literal["residual", "absolute"], READING] = "residual"
     """Unit of transient_penalty (docs/method.md#residual-unit). residual: the median squared difference of a frame
@@ -46,8 +48,8 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     to a third of transient_penalty."""
 
     lr: Annotated[Positive, READING] = 0.001
-    """Adam learning rate of the network. The paper's 1e-5 suits an encoder pretrained on ImageNet and its 7,000
-    iterations; random weights hardly change with it."""
+    """Adam learning rate of the network. A weight moves by about as much an iteration: with the paper's 1e-5 and
+    7,000 iterations by 0.07, which left all pixels near 0.5. The stage and egosplat doctor say so below 0.7."""
 
     input_size: Annotated[int, Field(ge=64, multiple_of=32)] = 96
     """Side in pixels of the square network input, a multiple of 32. EgoLifter uses 224. Small moving objects need a
@@ -63,9 +65,8 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
 
     schedule: Annotated[Literal["scaled", "cut"], READING] = "scaled"
     """Schedule of learning rate and density control in a run shorter than 3DGS's 30,000 iterations
-    (docs/method.md#temporary-schedule). scaled: scaled to the run. cut: cut off at its end, as in EgoLifter; the
-    temporary Gaussians then grow until the end, and the opacity reset after 3,000 iterations undoes part of their
-    training."""
+    (docs/method.md#temporary-schedule). scaled: scaled to the run. cut: cut off at its end, as in EgoLifter; then
+    Gaussians grow until the end, and the opacity reset after 3,000 iterations undoes part of the training."""
 
     max_points: Annotated[Count, READING] = 20000
     """Largest number of initial points of the temporary Gaussians, as splats.max_points."""
@@ -79,10 +80,9 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     objects too."""
 
     grow_grad2d: Annotated[Positive, READING] = 2e-05
-    """Densification threshold of the temporary Gaussians. Gradients of squared differences
-    are about ten times smaller than those of the loss that 3DGS's 0.0002 is chosen for. With 0.0002, static
-    surfaces without points (windows, lamps) are never reconstructed and are marked as transient. Smaller makes more
-    Gaussians."""
+    """Densification threshold of the temporary Gaussians; smaller makes more. Gradients of squared differences are
+    about ten times smaller than those that 3DGS's 0.0002 is chosen for. With it, static surfaces without points
+    (windows, lamps) are never reconstructed and are marked as transient."""
 
     reset_opacity: Annotated[float, Field(gt=0.005, lt=1), READING] = 0.05
     """Opacity after a reset, as splats.reset_opacity, for the temporary Gaussians."""
@@ -100,16 +100,27 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     background: Annotated[Literal["black", "white", "random"], READING] = "black"
     """Color behind the temporary Gaussians, as splats.background. EgoLifter uses white."""
 
+    def stays_at_start(self) -> str | None:
+        """Say that the network will call static pixels transient, and what to set; None if it is trained long enough."""
+        trained = self.iterations - round(self.warmup * self.iterations)
+        if self.lr * trained >= LEAST_REACH:
+            return None
+        return (
+            f"transient.lr {self.lr:g} x {trained} iterations = {self.lr * trained:.2g}. Below {LEAST_REACH} the network "
+            "stays near its start: static pixels keep a probability of up to 0.5, and a lower masks.threshold masks every "
+            f"tracked instance. Set transient.lr to {1 / max(trained, 1):.2g} or more"
+        )
+
 
 class MasksOptions(ThresholdOptions):
     """Selection of transient instances, by the network's mean probability over all their pixels. Masks that are merged in 3D stand still; only tracks can be transient."""
 
     stands_out: Annotated[Share, READING] = 0.35
     """Least share of a transient instance's pixels that stand out from the temporary Gaussians at the end of the
-    warm-up, when they are trained on all pixels: a squared difference of more than 3.5 medians of the frame
-    (docs/method.md#stands-out). It drops static things that the network calls transient. 0 asks for none, as in the
-    paper. Larger masks less: of an apartment where arms are always in view, 0.5 masks a quarter of the moving pixels
-    and 0.35 two thirds (docs/method.md#still-arms); in others 0.3 to 0.55 work equally well."""
+    warm-up: a squared difference of more than 3.5 medians of the frame (docs/method.md#stands-out). It drops static
+    things that the network calls transient. 0 asks for none, as in the paper. Larger masks less: where arms are
+    always in view, 0.5 masks a quarter of the moving pixels and 0.35 two thirds (docs/method.md#still-arms); in
+    others 0.3 to 0.55 work equally well."""
 
     pixel_probability: Annotated[Share, READING] = 0.5
     """Probability from which a pixel of a transient instance is masked in a frame. It leaves out parts of wrong
@@ -123,9 +134,9 @@ class MasksOptions(ThresholdOptions):
 
     max_share: Annotated[float, Field(le=1, gt=0), READING] = 0.5
     """Share above which nothing is masked, and an alarm says why: mean probability of the network over the training
-    frames, or share of the instances that would be transient. So much motion is rather a sign that poses, exposure
-    or blur are mistaken for it. 1 never withholds masks, as in the paper."""
+    frames, or share of the instances that would be transient; poses, exposure or blur are rather mistaken for motion.
+    1 never withholds masks, as in the paper."""
 
     level: Annotated[Literal["subpart", "part", "whole", "all"], READING] = "all"
-    """Level whose instances may be transient, or all for their union (docs/method.md#mask-level). Smaller instances
-    follow moving objects more closely; one wrong instance of the level whole masks a large area."""
+    """Level whose instances may be transient, or all for their union (docs/method.md#mask-level). Smaller ones follow
+    what moves more closely; one wrong instance of the level whole masks a large area."""

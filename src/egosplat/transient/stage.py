@@ -25,7 +25,7 @@ from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
-from egosplat.progress import log, track
+from egosplat.progress import NOTICE, log, track
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective
 from egosplat.transient.options import TransientOptions
@@ -39,12 +39,9 @@ def run(
     *,
     survey_path: Path | None = None,
 ) -> None:
-    """Write the transient artifact of ``frames`` with ``poses``.
+    """Write the transient artifact of ``frames`` with ``poses``. A killed run resumes and gives an identical result.
 
-    A killed run resumes from its last checkpoint and gives an identical result.
-
-    Args:
-        survey_path: excludes frames from training, and decides keys that are ``auto``.
+    The survey excludes frames from training, and decides keys that are ``auto``.
 
     Raises:
         UserError: no training frame has a pose, the inputs do not belong together, the weights cannot be read,
@@ -52,6 +49,8 @@ def run(
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
+    if told := options.stays_at_start():
+        log(f"{NOTICE}{told}")
     options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
     weights = None if options.encoder_weights is None else expand_home(options.encoder_weights)

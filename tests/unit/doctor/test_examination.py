@@ -86,6 +86,7 @@ DATA = "data_root.mine=data"
         ({}, CUDA, "GPU", MISSING, "Set run.backend and run.device to auto"),
         ({}, CUDA, "models run on", MISSING, ""),
         ({"config/scenes.tsv": "dataset\n"}, "", "scenes", MISSING, ""),
+        ({}, "transient.lr=0.00001", "transient", NOTE, "transient.lr to 0.00071 or more"),
         # Recordings are counted and named.
         ({}, DATA, "mine recordings", MISSING, "0 of 2 below data.*data_root.mine"),
         ({"data/b.mp4": ""}, DATA, "mine recordings", MISSING, r"1 of 2.*: a \(data/a.mp4\)"),

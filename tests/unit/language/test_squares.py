@@ -186,8 +186,9 @@ def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
     wrong[:, 0, 3] += np.where(np.arange(len(wrong)) % 2, 1.8, -1.8)
     scene = replace(scene, views=replace(scene.views, camera_to_world=wrong))
     # A view shows one square alone, so a decoder takes longer to tell them apart.
-    longer = {"iterations": 200, "lr": 0.06} if method == "granular" else {}
+    longer = {"iterations": 200, "lr": 0.06, "granular_dims": 3} if method == "granular" else {}
     coded = scene.coded(method, checkpoint, **longer)
+    assert not longer or coded.code.shape[-1] == 3
     pose = camera_to_world[HELD_OUT]
     rendered, _ = render_codes(scene.views.gaussians, coded.code, coded.share, CAMERA, pose, RENDERING)
     square = square_of(pose, 0.15)

@@ -7,7 +7,6 @@ import torch
 
 from egosplat.language.decoder import split_layers
 from egosplat_rivals.gags import (
-    CHANNELS,
     HIDDEN,
     SCALES,
     SKIPS,
@@ -29,10 +28,10 @@ def whole(region: torch.Tensor) -> Sample:
 
 
 def test_the_decoders_are_as_published_and_add_the_first_and_third_layer_and_those_and_the_sixth():
-    assert len(Layers((CHANNELS, *HIDDEN, 512), 0, CPU, skips=SKIPS).values) == 596_480
-    assert len(Layers(SCALES, 0, CPU).values) == 20_323
-    layers, x = Layers((CHANNELS, *HIDDEN, 5), 0, CPU, skips=SKIPS), torch.randn(3, CHANNELS)
-    *hidden, (weights, biases) = split_layers(layers.values, (CHANNELS, *HIDDEN, 5))
+    assert len(Layers((16, *HIDDEN, 512), 0, CPU, skips=SKIPS).values) == 596_480
+    assert len(Layers((16, *SCALES), 0, CPU).values) == 20_323
+    layers, x = Layers((16, *HIDDEN, 5), 0, CPU, skips=SKIPS), torch.randn(3, 16)
+    *hidden, (weights, biases) = split_layers(layers.values, (16, *HIDDEN, 5))
     outputs = [x]
     for number, (own_weights, own_biases) in enumerate(hidden, 1):
         found = (outputs[-1] @ own_weights.T + own_biases).relu()
@@ -69,11 +68,11 @@ def test_sampled_regions_have_the_mean_of_all_pixels():
 
 
 def test_variance_of_two_pixels_in_one_of_the_channels_and_nothing_without_regions():
-    values = torch.zeros(5, CHANNELS)
+    values = torch.zeros(5, 16)
     values[1, 3] = 1.0
     sample = whole(torch.tensor([0, 0, 1, -1, -1]))  # region 1 has one pixel
     found = variance_within(values[sample.pixel], sample, pixels=400)
-    assert float(found) == pytest.approx(2 * 0.5 / CHANNELS / 400)
+    assert float(found) == pytest.approx(2 * 0.5 / 16 / 400)
     nothing = whole(torch.tensor([-1, -1]))
     assert float(mean_over_regions(torch.zeros(0), nothing)) == 0.0
     assert float(variance_within(torch.zeros(0, 2), nothing, 4)) == 0.0

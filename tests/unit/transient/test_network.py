@@ -10,14 +10,10 @@ from egosplat.transient.network import make_network
 PICTURE = torch.rand(40, 56, 3, generator=torch.Generator().manual_seed(0))
 
 
-def parameters(module: torch.nn.Module) -> int:
-    return sum(parameter.numel() for parameter in module.parameters())
-
-
 def test_it_has_the_size_of_egolifters():
     net = make_network(64, False, None, 0)
-    assert parameters(net.encoder) == 272_288
-    assert parameters(net.decoder) == 1_925_824 and parameters(net.head) == 17
+    sizes = [sum(v.numel() for v in m.parameters()) for m in (net.encoder, net.decoder, net.head)]
+    assert sizes == [272_288, 1_925_824, 17]
 
 
 @torch.no_grad()

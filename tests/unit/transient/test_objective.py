@@ -9,7 +9,7 @@ import torch
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.gaussians.training_views import read_views
-from tests.unit.transient.conftest import make_objective, take_steps
+from tests.unit.transient.conftest import OPTIONS, make_objective, take_steps
 
 
 @torch.no_grad()
@@ -30,6 +30,16 @@ def test_probability_follows_the_residual(views, offset, rises):
     take_steps(objective, views, 12, offset)
     first, last = objective.mean_probability(list(range(1, 13)))[[0, -1]]
     assert (last > first + 0.05) if rises else (last < first - 0.05)
+
+
+def test_the_notice_of_a_rate_that_leaves_the_network_at_its_start_names_one_that_does_not(views):
+    slow = OPTIONS.change(iterations=40, lr=1e-5)
+    rate = float(slow.stays_at_start().partition("transient.lr to ")[2].split()[0])
+    assert slow.change(lr=rate).stays_at_start() is None
+    for lr, least, most in ((1e-5, 0.4, 0.6), (rate, 0.0, 0.02)):
+        objective = make_objective(iterations=40, lr=lr)
+        take_steps(objective, views, 40, 0.05)
+        assert least < objective.mean_probability([39, 40])[1] < most
 
 
 def test_the_network_is_not_trained_in_the_warm_up(views):
@@ -102,5 +112,4 @@ def test_views_at_half_the_size_keep_their_content(scene):
     assert float(views.valid[0, 0]) == 0.0 and float(views.valid.sum()) == 255.0
     assert np.argwhere(views.transient.numpy()).tolist() == [[1, 2, 3]]
     assert float(views.weight(1).sum()) == 254.0 and torch.equal(views.weight(0), views.valid)
-    none = read_views(*artifacts, np.zeros(6, bool), torch.device("cpu"), resolution=16)
-    assert none.pictures.shape[0] == 0
+    assert len(read_views(*artifacts, np.zeros(6, bool), torch.device("cpu"), resolution=16)) == 0
