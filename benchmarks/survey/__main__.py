@@ -1,9 +1,10 @@
-"""How well the survey tells what moves from what trembles, and what it finds of poses and exposure.
+"""Whether the survey asks for masks where people are at work, and nowhere else.
 
-    python -m benchmarks.survey results/real_camera/* APARTMENTS --still results/real/fox --still results/tum/office
+    python -m benchmarks.survey results/adt/{scene,busy,foreign}{1,2,3,4,5} results/real/* --still results/real/fox
+    python -m benchmarks.survey                   # the table of the page, from its rows
 
-Reads the `survey.json` of scenes, or makes it where there is none. A scene moves unless it is named with `--still` or its name ends in
-`still`. The limits are chosen on every second strength of real_camera, the tuning apartments and the fox. The others are validation.
+Reads the `survey.json` of scenes, or makes it where there is none, and prints a row of each world; `rows.csv` beside the page has each scene.
+People are at work in scenes whose name begins with `busy` and in those of `--people`. In others little moves, or with `--still` nothing.
 """
 
 import json
@@ -11,15 +12,17 @@ from pathlib import Path
 from typing import Any
 
 import click
+import pandas as pd
 
 from benchmarks.common import command, markdown
-from egosplat.evaluation.presence import separation
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import FRAMES
 from egosplat.pipeline.home import title_of
 from egosplat.pipeline.running import run_stage
-from egosplat_rivals.scored_scenes import VALIDATION
 
-# The order of strengths in benchmarks/real_camera: their seeds are consecutive.
-_STRENGTHS = ("half", "once", "twice", "4times")
+ROWS = Path(__file__).with_name("rows.csv")
+
+COLUMNS = ["recording", "moves", "frames", "px", "lasting", "fleeting", "voting", "min_share", "masked"]
 
 
 def survey_of(folder: Path) -> dict[str, Any]:
@@ -30,68 +33,37 @@ def survey_of(folder: Path) -> dict[str, Any]:
     return json.loads(path.read_text())
 
 
-def is_tuning(folder: Path) -> bool:
-    """Whether limits may be chosen on a scene: strengths once and 4times, tuning apartments, and the fox."""
-    for place, strength in enumerate(_STRENGTHS):
-        if f"_{strength}_" in folder.name:
-            return place % 2 == 1
-    return folder.name not in VALIDATION if folder.name.startswith("scene") else folder.name == "fox"
+def row(folder: Path, moves: str) -> list[object]:
+    """The values of ``COLUMNS`` of a scene; unknown shares are None."""
+    motion, frames = survey_of(folder)["motion"], open_artifact(folder / "frames.zarr", FRAMES)
+    shares = [motion[name] for name in ("share", "fleeting", "voting", "min_share")]
+    count, *sides, _ = frames.shape("rgb")
+    return [title_of(folder), moves, count, max(sides), *shares, motion["masking"] != "none"]
 
 
-def row(name: str, moves: bool, survey: dict[str, Any]) -> list[object]:
-    """A scene's cells."""
-    motion, camera = survey["motion"], survey["camera"]
-    regions = sum(pair["moving"] > 0 for pair in motion["pairs"])
-    lasting = sum(pair["lasting"] > 0 for pair in motion["pairs"])
-    known = motion["share"] is not None
-    wrong = known and (motion["share"] >= 5e-4) != moves
-    return [
-        name,
-        "yes" if moves else "no",
-        f"{motion['share']:.3%}{' (wrong)' if wrong else ''}" if known else "cannot tell",
-        f"{lasting} and {regions} of {len(motion['pairs'])}",
-        f"{motion['voting']:.0%}",
-        f"{camera['pose_residual_px']:.2f} / {camera['pose_noise_px']:.2f}",
-        "on" if camera["refine_poses"] else "off",
-        f"{camera['brightness_stops']:.2f}",
-        "on" if camera["compensate_exposure"] else "off",
-    ]
-
-
-COLUMNS = [
-    "scene",
-    "moves",
-    "share",
-    "pairs, lasting and all",
-    "voting",
-    "pose residual / noise [px]",
-] + ["refine poses", "exposure [stops]", "compensate"]
+def table(rows: pd.DataFrame) -> str:
+    """The table of the page: a row of each world of ADT, and of other data sets, with the lowest and highest shares [%]."""
+    group = rows["recording"].str.removeprefix("adt/").str.replace(r"\d*$|/.*", "", regex=True)
+    cells = []
+    for (name, moves), own in rows.groupby([group, "moves"], sort=False):
+        shares = [f"{100 * own[one].min():.2f}–{100 * own[one].max():.2f}" for one in ("lasting", "fleeting")]
+        cells.append([name, moves, *shares, f"{own['masked'].sum()}/{len(own)}"])
+    return markdown(["recordings", "moves", "keeps moving", "in passing", "masked"], cells)
 
 
 @command(__doc__)
-@click.argument("folders", nargs=-1, required=True, type=click.Path(exists=True, path_type=Path))
+@click.argument("folders", nargs=-1, type=click.Path(exists=True, path_type=Path))
 @click.option("--still", multiple=True, type=click.Path(exists=True, path_type=Path))
-def main(folders: tuple[Path, ...], still: tuple[Path, ...]) -> None:
-    """Survey and print the tables."""
-    rows, shares = [], []
-    for folder in (*still, *folders):
-        moves = folder not in still and not folder.name.endswith("still")
-        survey = survey_of(folder)
-        rows.append(row(title_of(folder), moves, survey))
-        shares.append((is_tuning(folder), moves, survey["motion"]["share"] or 0.0))
-    groups = {
-        half: [
-            [share for chosen, moves, share in shares if chosen == half and moves == kind]
-            for kind in (False, True)
-        ]
-        for half in (True, False)
-    }
-    cells = [
-        [name, len(groups[half][0]), len(groups[half][1]), f"{separation(*reversed(groups[half])):.3f}"]
-        for name, half in (("tuning", True), ("validation", False))
-    ]
-    click.echo(markdown(["half", "still", "moving", "area under ROC"], cells) + "\n")
-    click.echo(markdown(COLUMNS, rows))
+@click.option("--people", multiple=True, type=click.Path(exists=True, path_type=Path))
+def main(folders: tuple[Path, ...], still: tuple[Path, ...], people: tuple[Path, ...]) -> None:
+    """Survey, print, and keep the rows."""
+    if not (folders or still or people):
+        return click.echo(table(pd.read_csv(ROWS)))
+    kinds = {folder: "people" if folder.name.startswith("busy") else "little" for folder in folders}
+    kinds |= dict.fromkeys(still, "nothing") | dict.fromkeys(people, "people")
+    rows = pd.DataFrame([row(*kind) for kind in kinds.items()], columns=COLUMNS)
+    rows.to_csv(ROWS, index=False)
+    click.echo(table(rows))
 
 
 if __name__ == "__main__":

@@ -1,22 +1,14 @@
-"""Area under the ROC, and the recordings that limits are chosen on."""
+"""The survey's page has the verdicts of its rows."""
 
-from pathlib import Path
+import pandas as pd
 
-import pytest
-
-from benchmarks.survey.__main__ import is_tuning
-from egosplat.evaluation.presence import separation
+from benchmarks.survey.__main__ import ROWS, table
 
 
-def test_the_area_counts_ties_half():
-    assert separation([1.0, 2.0], [0.0, 0.0]) == 1.0
-    assert separation([0.0, 2.0], [0.0, 0.0]) == 0.75
-    assert separation([0.0], [1.0]) == 0.0
-
-
-@pytest.mark.parametrize(
-    "name, tuning",
-    [("all_once_still", True), ("poses_twice_moving", False), ("scene10", False), ("scene3", True)],
-)
-def test_the_validation_apartments_and_every_second_strength_are_left_out(name, tuning):
-    assert is_tuning(Path("results", name)) is tuning
+def test_the_page_has_the_table_of_its_rows_and_misses_no_people():
+    rows = pd.read_csv(ROWS)
+    assert table(rows) in ROWS.with_name("README.md").read_text()
+    assert (
+        rows["masked"][rows["moves"] == "people"].all()
+        and not rows["masked"][rows["moves"] == "nothing"].any()
+    )

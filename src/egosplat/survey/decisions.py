@@ -22,11 +22,13 @@ _MAX_STOPS = 1 / 3
 
 def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
     """The section ``motion`` of survey.json. What cannot be told counts as moving, and is masked."""
-    share, fleeting = finite(motion.share), finite(motion.fleeting)
-    masked = share is None or fleeting is None or share >= min_share or fleeting >= _OF_FLEETING * min_share
+    share, fleeting = map(finite, motion.shares or (None, None))
+    limits = min_share, _OF_FLEETING * min_share
+    masked = share is None or fleeting is None or share >= limits[0] or fleeting >= limits[1]
     columns = ("moving", "lasting", "voting", "noise_px", "stops")
     return {
-        "verdict": f"{_tell(share, fleeting)}: transient and masks {'are made' if masked else 'left out'}",
+        "verdict": _tell(share, fleeting, limits)
+        + f": transient and masks {'are made' if masked else 'left out'}",
         "masking": "refined" if masked else "none",
         "share": share,
         "min_share": min_share,
@@ -40,13 +42,15 @@ def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
     }
 
 
-def _tell(share: float | None, fleeting: float | None) -> str:
+def _tell(share: float | None, fleeting: float | None, limits: tuple[float, float]) -> str:
     """What moves, in words."""
     if share is None or fleeting is None:
         return "too little can be compared to tell what moves"
+    keeps, passes = f"{100 * share:.2f} %", f"{100 * fleeting:.2f} %"
     if share < _LEAST_SHARE and fleeting <= _LEAST_FLEETING:
-        return f"nothing that stays in view moves, {100 * fleeting:.2f} % of the picture flickers"
-    return f"{100 * share:.2f} % of the picture keeps moving, {100 * fleeting:.2f} % more in passing"
+        return f"nothing that stays in view moves, {passes} of the picture flickers"
+    limit = " or ".join(f"{100 * one:.3g} %" for one in limits)
+    return f"{keeps} of the picture keeps moving and {passes} moves in passing (masked from {limit})"
 
 
 def decide_camera(motion: Motion) -> dict[str, Any]:

@@ -59,20 +59,15 @@ class Motion:
         return self.after_px[: len(self.pairs)]
 
     @property
-    def share(self) -> float | None:
-        """Fraction of the voting pixels in regions that keep moving; None if too few pixels can show motion."""
-        return self._share(self.lasting)
-
-    @property
-    def fleeting(self) -> float | None:
-        """Fraction of the voting pixels in regions that move and are not seen to move again; None as ``share``."""
-        return self._share(self.moving - self.lasting)
-
-    def _share(self, pixels: Array) -> float | None:
+    def shares(self) -> tuple[float, float] | None:
+        """Fractions of the voting pixels in regions that keep moving, and in those that move and are not seen to move
+        again; None if too few pixels can show motion."""
         judged = np.isfinite(self.noise_px)
-        if judged.sum() < _MIN_PAIRS or self.voting[judged].sum() < _MIN_VOTING * len(self.pairs):
+        voting = self.voting[judged].sum()
+        if judged.sum() < _MIN_PAIRS or voting < _MIN_VOTING * len(self.pairs):
             return None
-        return float(pixels[judged].sum() / self.voting[judged].sum())
+        moving, lasting = (float(pixels[judged].sum() / voting) for pixels in (self.moving, self.lasting))
+        return lasting, moving - lasting
 
 
 def measure_motion(frames: Artifact, poses: Artifact) -> Motion:

@@ -10,7 +10,7 @@ from egosplat.pipeline.options import Options, Share
 class SurveyOptions(Options):
     """Decisions that the frames and poses of a scene allow: whether what moves is masked, and which frames to train on. survey.json holds the evidence for each."""
 
-    min_moving_share: Share = 0.012
+    min_moving_share: Share = 0.01
     """Smallest share of the picture that keeps moving from which it is tracked and masked (for splats.masking and
     segments.track_moving auto). A quarter of it is enough of what moves and is not seen to move again, such as hands at
     work. Below both, the network, the masks and the tracks are left out: they take 1.4 to 1.8 times the time and change

@@ -25,11 +25,11 @@ def motion(lasting=0.0, fleeting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6
     ("lasting", "fleeting", "least", "words", "masking"),
     [
         (0.0, 5e-4, 0.012, "nothing that stays in view moves", "none"),
-        (0.0, 1.2e-3, 0.012, "0.24 % more in passing", "none"),
+        (0.0, 1.2e-3, 0.012, "0.24 % moves in passing", "none"),
         (3e-4, 0.0, 0.012, "0.06 % of the picture keeps moving", "none"),
         (5.9e-3, 1.4e-3, 0.012, "1.18 % of the picture keeps moving", "none"),
         (6e-3, 0.0, 0.012, "1.20 % of the picture keeps moving", "refined"),
-        (0.0, 1.5e-3, 0.012, "0.30 % more in passing", "refined"),
+        (0.0, 1.5e-3, 0.012, "0.30 % moves in passing (masked from 1.2 % or 0.3 %)", "refined"),
         (0.0, 0.0, 0.0, "nothing that stays in view moves", "refined"),
         (0.375, 0.12, 1.0, "75.00 % of the picture keeps moving", "none"),
     ],
@@ -55,7 +55,7 @@ def test_what_cannot_be_told_is_masked(unknown):
 def test_a_pair_that_is_not_judged_does_not_count():
     found = motion(lasting=1e-3)
     found.lasting[0], found.noise_px[0] = 0.4, np.nan
-    assert found.share == pytest.approx(2e-3)
+    assert found.shares == pytest.approx((2e-3, 0.0))
 
 
 @pytest.mark.parametrize("before, refines", [(0.1, False), (0.115, False), (0.13, True)])

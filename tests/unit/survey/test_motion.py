@@ -199,7 +199,7 @@ def test_without_points_motion_is_the_same_in_any_unit(turning, scene):
         poses[:, :3, 3] *= unit
         found.append(measured(scene(list(poses), images, notes={"scale": "arbitrary"}, **points)))
     for other in found[1:]:
-        assert other.share == pytest.approx(found[0].share, rel=1e-2)
+        assert other.shares == pytest.approx(found[0].shares, rel=1e-2)
         np.testing.assert_allclose(other.voting, found[0].voting, rtol=1e-2)
 
 
@@ -211,5 +211,5 @@ def test_pixels_that_a_frame_leaves_out_do_not_move(turning, scene):
     assert 0.01 < masked.mean() < 0.5
     moves, hidden = (measured(scene(trajectory, images, **own)) for own in ({}, {"masked": masked}))
     assert moves.pairs.tolist() == [[0, 1], [1, 2], [2, 3], [3, 4], [4, 5]]
-    assert moves.share > 0.005 and hidden.share == 0
+    assert moves.shares[0] > 0.005 and hidden.shares[0] == 0
     assert 0.1 < hidden.voting.min() and hidden.voting.sum() < moves.voting.sum()
