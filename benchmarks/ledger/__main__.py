@@ -184,14 +184,8 @@ def run(text: str, release: bool, cores: int) -> Path:
         )
     found = read_scenes([folder / "results/ledger" / scene for scene in scenes], settings)
     check_commit([one for own in found.values() for one in own], commit)
-    told = {
-        "text": text,
-        "commit": commit,
-        "seeds": seeds,
-        "release": release,
-        "configuration": CONFIGURATION,
-    }
-    write_rows(LEDGER / text, collect(text, found, **told))
+    told = {"seeds": seeds, "release": release, "configuration": CONFIGURATION | {"worlds": WORLDS}}
+    write_rows(LEDGER / text, collect(text, found, text=text, commit=commit, **told))
     return LEDGER / text
 
 

@@ -3,6 +3,7 @@
 import csv
 import re
 import subprocess
+import time
 from dataclasses import replace
 
 import pytest
@@ -12,8 +13,9 @@ from click.testing import CliRunner
 from benchmarks import rows
 from benchmarks.common import ROOT
 from benchmarks.ledger import __main__ as ledger
-from benchmarks.tests.test_ablation import answered
+from benchmarks.tests.test_ablation import OPTIONS, answered
 from egosplat.errors import UserError
+from egosplat.pipeline.process_guards import STARTED_BY
 from tests.support.rows import some_rows
 from training.small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS
 
@@ -138,6 +140,16 @@ def test_scores_of_other_code_do_not_enter(changed):
     other = replace(scene, document={**scene.document, "provenance": own | changed, "artifacts": artifacts})
     with pytest.raises(UserError, match="not made by the clean commit c0dec0dec0de"):
         ledger.check_commit([other], COMMIT)
+
+
+def test_minutes_hold_the_survey_and_the_start_of_each_process(tmp_path, monkeypatch):
+    scene = replace(answered(("cup", True, 0.5)), path=tmp_path / "metrics.json")
+    (tmp_path / "survey.json").touch()
+    monkeypatch.setattr(rows, "read_document", lambda *_: {"provenance": OPTIONS | {"cpu_s": 7.0}})
+    assert rows.collect("mine", {"full": [scene]}).tables["runs"]["cpu_s"].item() == 1.0 + 7.0
+    monkeypatch.setenv(STARTED_BY, "1")
+    before = time.process_time()
+    assert rows.provenance.begin("metrics", {}, "real").cost()["cpu_s"] >= before
 
 
 def test_the_report_is_computed_from_the_rows_alone(checkout):

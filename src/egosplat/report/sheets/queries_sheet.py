@@ -163,7 +163,7 @@ def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False)
 
 def evaluation_of(scene: Scene, held_out: str = "corrected") -> Evaluation:
     """Read the evaluation frames of a scene that was opened with its annotations, see ``read_evaluation``."""
-    return read_evaluation(*map(scene.artifact, ("frames", "poses", "annotations", "splats")), held_out)
+    return read_evaluation(*(scene.artifact(one.name) for one in SCORED[:4]), held_out=held_out)
 
 
 def scoring_options(document: Mapping[str, Any]) -> MetricsOptions:
