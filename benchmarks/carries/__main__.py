@@ -6,6 +6,7 @@
 Every thing that people carry is asked for by the name of its category. The second table is of rests.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,7 +97,8 @@ def measure(scene: Scene) -> Figures:
     carries = read_carries(recording_of(scene.folder), rests, times)
     names = sorted({one.category for one in rests})
     answers = dict(zip(names, scene.ask(*names), strict=True))
-    pairs = [(one, match) for one in carries if (match := _match(one, scene.histories.every)) is not None]
+    every = list(itertools.chain.from_iterable(scene.histories.things))
+    pairs = [(one, match) for one in carries if (match := _match(one, every)) is not None]
     told = [(one, name) for name in names for one in answers[name].history]
     places = [*places_of(rests, answers)]
     at_time = sum(right for *_, right in places)
@@ -141,7 +143,7 @@ def _is_true(one: Carried, carries: Sequence[TrueCarry]) -> bool:
 
 def _errors(pairs: Sequence[tuple[TrueCarry, Carried]]) -> tuple[list[float], ...]:
     return (
-        [100 * distance(one.start, true.before) for true, one in pairs if one.start_is_known],
+        [100 * distance(one.start, true.before) for true, one in pairs if np.isfinite(one.start).all()],
         [100 * distance(one.end, true.after) for true, one in pairs],
         [abs(one.from_s - true.before.until_s) for true, one in pairs],
         [abs(one.until_s - true.after.from_s) for true, one in pairs],

@@ -82,12 +82,7 @@ class Scene:
         tracks = MovingTracks(self.segments)
         with TemporaryDirectory() as work:
             self.geometry = train_geometry(
-                frames,
-                poses,
-                training,
-                self.keys,
-                Path(work) / "instances.zarr",
-                "benchmark",
+                frames, poses, training, self.keys, Path(work) / "instances.zarr", "benchmark"
             )
         lifted = lift(self.geometry, self.segments, lambda _: self.valid, tracks.remove)
         assert lifted is not None, "the scene has masks"

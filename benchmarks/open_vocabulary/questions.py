@@ -37,10 +37,7 @@ class Question:
 
 
 def find_questions(
-    queries: Sequence[Query],
-    maps: Mapping[int, InstanceMap],
-    shares: Shares,
-    min_area: float,
+    queries: Sequence[Query], maps: Mapping[int, InstanceMap], shares: Shares, min_area: float
 ) -> list[Question]:
     """All phrases for all queries of the benchmark.
 

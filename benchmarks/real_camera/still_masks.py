@@ -17,13 +17,7 @@ from egosplat.artifacts.schemas import MASKS, TRANSIENT
 from egosplat.pipeline.home import title_of
 from egosplat.pipeline.survey_file import read_survey
 
-COLUMNS = (
-    "scene",
-    "share that moves",
-    "mean transient probability",
-    "instances masked",
-    "pixels masked",
-)
+COLUMNS = ("scene", "share that moves", "mean transient probability", "instances masked", "pixels masked")
 
 
 def row(folder: Path) -> list[object]:

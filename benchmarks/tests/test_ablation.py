@@ -67,10 +67,7 @@ def test_settings_are_compared_query_by_query():
     }
     rows = collect("ablation", found)
     table = difference_table(rows, "scene").splitlines()[2:]
-    assert [row.split(" | ")[0] for row in table] == [
-        "| full against no_masks",
-        "| full against baseline",
-    ]
+    assert [row.split(" | ")[0] for row in table] == ["| full against no_masks", "| full against baseline"]
     assert table[1].startswith("| full against baseline | +75.0 (") and "p = 0.0042 |" in table[1]
     assert "| full against no_masks | +0.0 (" in difference_table(rows, "busy")
     assert difference_table(rows) not in (difference_table(rows, "scene"), difference_table(rows, "busy"))

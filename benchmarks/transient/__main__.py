@@ -22,11 +22,7 @@ from egosplat.moving_regions import InstanceScores
 from egosplat.pipeline.config import defaults
 from egosplat.pipeline.home import title_of
 from egosplat.progress import log
-from egosplat.transient.masks_stage import (
-    looks_static,
-    refined_mask,
-    transient_instances,
-)
+from egosplat.transient.masks_stage import looks_static, refined_mask, transient_instances
 
 KEYS = defaults()["masks"]
 

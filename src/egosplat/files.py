@@ -60,12 +60,9 @@ def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]
 
 
 def read_user_text(path: Path) -> str:
-    """The content of a user's text file in UTF-8, with or without a byte order mark. Ends of lines stay as they are.
-
-    Raises:
-        FileNotFoundError: it does not exist.
-        UserError: it cannot be read, is a pipe, or is not UTF-8.
-    """
+    """The content of a user's text file in UTF-8, with or without a byte order mark. Ends of lines stay as
+    they are (FileNotFoundError: it does not exist; UserError: it cannot be read, is a pipe, or is not
+    UTF-8)."""
     if path.is_fifo():
         # A pipe gives its content to the first reader; each job of a run is one more.
         raise UserError(f"{path}: is a pipe, which can be read once only; give a file")
@@ -104,12 +101,8 @@ def user_cache() -> Path:
 
 
 def read_json(path: Path) -> Any:
-    """The content of a JSON file in UTF-8, with or without a byte order mark.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the file is not JSON, or nested too deeply.
-    """
+    """The content of a JSON file in UTF-8, with or without a byte order mark (OSError: the file cannot be
+    read; ValueError: the file is not JSON, or nested too deeply)."""
     try:
         return json.loads(path.read_text(encoding="utf-8-sig"))
     except RecursionError:

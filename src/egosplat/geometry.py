@@ -50,10 +50,6 @@ class Camera:
         sx, sy = width / self.width, height / self.height
         return Camera(width, height, self.fx * sx, self.fy * sy, self.cx * sx, self.cy * sy)
 
-    def rotated_clockwise(self) -> "Camera":
-        """The camera of the image rotated clockwise by 90° (``np.rot90(image, -1)``)."""
-        return Camera(self.height, self.width, self.fy, self.fx, self.height - self.cy, self.cx)
-
     def project(self, points: Array) -> Array:
         """Project (..., 3) float64 points in camera axes [m] to (..., 2) pixels; NaN where z <= 0."""
         points = np.asarray(points, dtype=np.float64)

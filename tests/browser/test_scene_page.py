@@ -197,15 +197,6 @@ def test_an_answer_is_that_of_python(scene, data, clip, words):
         np.testing.assert_allclose(mine["size"], other.size, atol=1e-3)
 
 
-@pytest.mark.slow
-def test_a_word_of_the_list_has_the_answer_of_the_terminal(scene, data):
-    facts, page = data[0], scene().page
-    for word, answer in zip(facts["words"], facts["answers"], strict=True):
-        found = page.evaluate(ASK, word)
-        assert all(found[name] == answer[name] for name in ("grade", "score", "rating", "why")), word
-        assert [one["frame"] for one in found["things"]] == [one["frame"] for one in answer["things"]]
-
-
 def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
     tab, project = scene(), "point => egosplat.project(point)"
     page = tab.page

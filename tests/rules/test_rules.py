@@ -138,7 +138,6 @@ def test_carries_are_found_and_drawn_in_a_finished_scene(workdir):
 
 @pytest.mark.slow
 def test_methods_are_drawn_side_by_side(workdir):
-    """A column for each of tables.methods, beside EgoSplat's."""
     config = """
 variants: {mine: {method: Mine, language: {method: center}}}
 tables: {methods: [mine]}

@@ -69,12 +69,8 @@ def missing_programs() -> list[str]:
 
 
 class LocalSlurm:
-    """Controller, nodes and authentication, running from ``with`` to its end.
-
-    Args:
-        folder: to make, with a path of few characters: a socket's may have 107.
-        nodes: number of nodes, named node1 and so on.
-    """
+    """Controller, nodes and authentication, running from ``with`` to its end. ``folder``: to make, with a
+    path of few characters: a socket's may have 107. ``nodes``: number of nodes, named node1 and so on."""
 
     def __init__(self, folder: Path, nodes: int = 1) -> None:
         self.folder = folder

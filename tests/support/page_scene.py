@@ -47,8 +47,11 @@ def wall() -> Gaussians:
     return gaussians
 
 
-def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
-    """Write all artifacts that the page needs, and return the Gaussians."""
+def put_page_scene(
+    folder: Path, origin: str = "synthetic", arm: bool = False, masked: bool = True
+) -> Gaussians:
+    """Write all artifacts that the page needs, and return the Gaussians; with an ``arm``, perhaps ``masked``, that grows from below in
+    frames 1, 2 and 4."""
     gaussians, count, write = wall(), 5, partial(put, folder, origin=origin)
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, 0, 3] = np.linspace(-0.8, 0.8, count)
@@ -71,15 +74,27 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
         "labels": np.zeros((count, len(LEVELS), CAMERA.height, CAMERA.width), np.int32),
     }
     facts = {"levels": LEVELS, "source": "masks", "instances": dict.fromkeys(LEVELS, len(WORDS))}
+    shown = np.array([1, 2, 4] if arm else [], np.int32)
+    level = arrays["instances/level"] = np.append(arrays["instances/level"], np.ones(int(arm), np.int8))
+    for frame in shown:
+        arrays["labels"][frame, 1, SIDE - 4 * frame :, 20:30] = 6
     write("instances", arrays, facts, made_from=["frames", "poses"])
     clip = {"model": "small", "checkpoint": "small", "hash": digest, "small": True}
     facts = {"levels": LEVELS, "clip": clip, "decoder": {"widths": [words.shape[1]]}}
     facts |= {"outliers": 2, "slipped": 1}
-    write("features", {"consistent": words}, facts, options=small, models={"clip_checkpoint": digest})
+    features = {"consistent": np.concatenate([words, words, words[:arm]]) if arm else words}
+    if arm:
+        boxes = np.array([(20, SIDE - 4 * frame, 30, SIDE) for frame in shown], np.int32)
+        views = {"instance": np.full(3, 6, np.int32), "frame": shown, "box": boxes, "area": 40 * shown}
+        write("view_features", views | {"instances/level": level}, facts, made_from=["instances"])
+        masks = {"refined": rgb[..., 0] < 0, "instances/transient": masked & (np.arange(len(level)) == 6)}
+        write("masks", masks, made_from=["instances"])
+    made_with = {"options": small, "models": {"clip_checkpoint": digest}}
+    write("features", features, facts, made_from=["view_features"] * arm, **made_with)
     names = ("means", "quats", "log_scales", "logit_opacities", "sh")
     stored = {name: getattr(gaussians, name).numpy() for name in names}
     facts = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": count}}
-    write("splats", stored, facts, options=asdict(SETTINGS), made_from=["frames", "poses"])
+    write("splats", stored, facts, options=asdict(SETTINGS), made_from=["frames", "poses", *["masks"] * arm])
     code = np.stack([np.zeros_like(vectors), vectors], axis=1)
     share = np.tile(np.float32([0, 1]), (len(code), 1))
     # At the level of parts, some Gaussians of the couch alone have a code: a weaker answer.
@@ -93,13 +108,10 @@ def put_page_scene(folder: Path, origin: str = "synthetic") -> Gaussians:
 def put_histories(
     folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)), **changes: Any
 ) -> Gaussians:
-    """Write histories.zarr of ``put_page_scene``: the cup, where it is taken up and then where it is put down, and a thing that
-    nobody sees put down. Returns the Gaussians of both rests of the cup.
-
-    Args:
-        spans: first and last frame of the rests, in turn at both places; further ones are of a second thing without views.
-        changes: other arrays, ``/`` in a name as ``__``.
-    """
+    """Write histories.zarr of ``put_page_scene``: the cup, where it is taken up and then where it is put
+    down, and a thing that nobody sees put down. Returns the Gaussians of both rests of the cup. ``spans``:
+    first and last frame of the rests, in turn at both places; further ones are of a second thing without
+    views. ``changes``: other arrays, ``/`` in a name as ``__``."""
     count, of_cup = len(spans), min(len(spans), 2)
     center = np.array([(TAKEN_UP, PUT_DOWN)[number % 2] for number in range(count)]).reshape(-1, 3)
     offsets = np.array([[x, y, -0.4] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])

@@ -86,12 +86,8 @@ class OnDevice(Tensor):
 
 @dataclass
 class PretendedGpu(TorchDispatchMode):
-    """Within it, ``DEVICE`` is a GPU.
-
-    Attributes:
-        waits: places of the package whose reads made the CPU wait, with their number.
-        mixed: operations on tensors of both devices.
-    """
+    """Within it, ``DEVICE`` is a GPU. ``waits``: places of the package whose reads made the CPU wait, with
+    their number. ``mixed``: operations on tensors of both devices."""
 
     waits: Counter[str] = field(default_factory=Counter)
     mixed: list[str] = field(default_factory=list)

@@ -74,11 +74,8 @@ def put_scene(
     chained: bool = False,
     **provenance: Any,
 ) -> list[Path]:
-    """Write several artifacts with the same facts; each gets the arrays that its schema names.
-
-    Args:
-        chained: whether each artifact records the digests of those before it.
-    """
+    """Write several artifacts with the same facts; each gets the arrays that its schema names. ``chained``:
+    whether each artifact records the digests of those before it."""
     names = list(names)
     if unknown := set(arrays).difference(*(SCHEMAS[name].fields for name in names)):
         raise KeyError(f"no artifact of {names} has {unknown}")

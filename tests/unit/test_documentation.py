@@ -102,7 +102,6 @@ def test_every_key_that_a_text_names_exists():
 
 
 def test_every_module_that_a_page_names_exists():
-    """Of docs/, without the page that invents a stage."""
     modules = {path.name for path in SOURCES}
     named = re.compile(r"`(?:[\w./-]*/)?(\w+\.(?:py|smk|cpp|h))`")
     pages = [page for page in (ROOT / "docs").glob("*.md") if page.name != "adding_a_stage.md"]

@@ -82,7 +82,6 @@ def test_scores_of_equal_images_and_of_a_known_error():
 
 
 def test_constant_images_have_an_ssim():
-    """No variance at all, and black: no division by zero."""
     black = torch.zeros(HEIGHT, WIDTH, 3, dtype=torch.uint8)
     assert ssim(black, black, EVERYWHERE) == pytest.approx(1.0)
     assert 0.0 <= ssim(black, black + 255, EVERYWHERE) < 0.01

@@ -61,7 +61,6 @@ def test_the_table_names_every_room():
 
 
 def test_imports_point_down():
-    """No circle, no import of a higher room, and no stage that imports a stage."""
     assert arrows_up(PACKAGE, layers((ROOT / "docs/architecture.md").read_text())) == []
 
 
@@ -76,7 +75,6 @@ def test_the_synthetic_world_imports_small_libraries_alone():
 
 
 def test_packages_do_not_import_those_beside_them():
-    """Entry points name the stages of packages beside egosplat by a string."""
     beside = {PACKAGE: ("egosplat_",), APARTMENTS: ("egosplat_rivals",), RIVALS: ("egosplat_apartments",)}
     for package, others in beside.items():
         names = {name: path for path in package.rglob("*.py") for name in imports_of(path)}

@@ -48,7 +48,6 @@ def test_every_key_of_the_preset_and_of_its_models_is_in_the_table():
 
 
 def test_no_preset_sets_a_key_that_follows_the_models():
-    """Whoever switches models changes one key, with every preset."""
     for path in PRESETS.glob("*.yaml"):
         preset = yaml.safe_load(path.read_text())
         parts = [preset, *preset.pop("formats", {}).values()]

@@ -59,10 +59,7 @@ def plain_frames(scene, monkeypatch) -> Callable[[Path], Path]:
 def words(command: str, scene: Path, flags: dict[str, object]) -> list[object]:
     """A command with flags, whose output is ``scene/new.zarr`` unless they say otherwise."""
     flags = {"output": scene / "new.zarr"} | flags
-    return [
-        command,
-        *(word for name, value in flags.items() for word in _flag(name, value)),
-    ]
+    return [command, *(word for name, value in flags.items() for word in _flag(name, value))]
 
 
 def _flag(name: str, value: object) -> tuple[str, object]:
@@ -122,7 +119,6 @@ def test_bad_files_of_a_sequence_are_named(scene, refused):
 
 
 def test_a_broken_picture_leaves_no_frames(scene, refused, tmp_path):
-    """The error comes while the artifact is being written."""
     (folder := tmp_path / "folder").mkdir()
     for index in range(4):
         cv2.imwrite(str(folder / f"{index}.png"), np.full((64, 64, 3), 128, np.uint8))
@@ -172,7 +168,6 @@ def test_a_device_trajectory_of_a_plain_recording_is_refused(scene, refused, pla
     ],
 )
 def test_bad_known_poses_leave_no_frames(scene, refused, tmp_path, files, problem):
-    """Protects the message about a file of the user's: one line that names it."""
     for name, text in files.items():
         (tmp_path / "folder" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "folder" / name).write_text(text)

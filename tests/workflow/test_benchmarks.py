@@ -85,7 +85,6 @@ def recorded(scene: Path) -> dict:
 
 
 def test_ablation(with_variant, tmp_path):
-    """The page, and the rows from which it is computed again."""
     variants = ("baseline", "no_masks", "network_masks")
     folder, kept = with_variant(*variants), tmp_path / "rows"
     flags = [word for name in variants for word in ("--variant", name)]
@@ -105,7 +104,6 @@ def test_ablation(with_variant, tmp_path):
 
 
 def test_colmap(scene, monkeypatch):
-    """A trajectory, or the reason why COLMAP finds none in such small frames."""
     (row,) = by_column(run("colmap.__main__", scene))
     assert (row["scene"], row["frames"], row["size"]) == (NAME, "12", "96x96")
 
@@ -117,7 +115,6 @@ def test_colmap(scene, monkeypatch):
 
 
 def test_corrections(with_variant):
-    """The same Gaussians with and without corrections, on the same recording."""
     rows = by_column(run("corrections.__main__", with_variant("corrected")))
     assert [row["corrections"] for row in rows] == ["off", "on"]
     assert rows[0]["PSNR"] == rows[1]["PSNR"] and rows[0]["brighter"] == "+0.00"
@@ -163,7 +160,6 @@ def test_open_vocabulary(scene):
 
 
 def test_presence(scene, tmp_path):
-    """Two scenes at least: each is predicted by a fit on the others."""
     other = tmp_path / "results" / "adt" / "other"
     other.mkdir(parents=True)
     (other / "metrics.json").write_text(json.dumps(recorded(scene) | {"scene": "adt/other"}))
@@ -176,7 +172,6 @@ def test_presence(scene, tmp_path):
 
 
 def test_misses(scene):
-    """Each missed query has a cause, and its evidence is listed."""
     said = run("misses.__main__", scene, "--each")
     missed = [
         one
@@ -227,7 +222,6 @@ def test_robustness(finished, tmp_path, monkeypatch):
 
 
 def test_robustness_plans_its_scene(tmp_path):
-    """The configuration and the command of the small scene are valid."""
     scene = Scene(tmp_path / "small")
     scene.folder.mkdir()
     scene.prepare()
@@ -237,7 +231,6 @@ def test_robustness_plans_its_scene(tmp_path):
 
 
 def test_survey(survey, tmp_path):
-    """A still scene, and one in which a hundredth of the pixels moves."""
     for name, share in (("scene1", 0.0), ("scene2", 0.01)):
         (tmp_path / "results/adt" / name).mkdir(parents=True)
         changed = survey | {"motion": survey["motion"] | {"share": share}}

@@ -127,11 +127,9 @@ def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
 
 
 def verify(path: Path, schemas: Mapping[str, Schema]) -> Artifact:
-    """Open an artifact of any kind in ``schemas``; check every stored byte against its digest, and every number.
-
-    Raises:
-        ArtifactError: as ``open_any``, a file was changed, added or removed, or the schema does not allow a number.
-    """
+    """Open an artifact of any kind in ``schemas``; check every stored byte against its digest, and every
+    number (ArtifactError: as ``open_any``, a file was changed, added or removed, or the schema does not allow
+    a number)."""
     artifact = open_any(path, schemas)
     changed = digest_of(path) != artifact.digest
     for name in artifact.arrays:  # raises with the name of the damaged chunk

@@ -63,11 +63,8 @@ def answer_members(scene: Scene, phrase: str) -> Tensor:
 
 
 def export_instances(folder: Path, output: Path) -> None:
-    """Write a point for each Gaussian on a surface, with its instance at each level, -1 for none, and its color, gray for none.
-
-    Raises:
-        UserError: an artifact is missing or damaged, or the instances are tracks.
-    """
+    """Write a point for each Gaussian on a surface, with its instance at each level, -1 for none, and its
+    color, gray for none (UserError: an artifact is missing or damaged, or the instances are tracks)."""
     splats, instances = map(open_artifact, locate(folder, "splats", "instances"), (SPLATS, INSTANCES))
     gaussians = read_gaussians(splats)
     xyz = gaussians.select(gaussians.opacities >= LEAST_OPACITY).means.numpy()

@@ -33,11 +33,8 @@ _HOT, _STRENGTH, _DIM = (195.0, 37.0, 3.0), 0.75, 0.6
 
 
 def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
-    """Ask a scene one phrase or more, and write a moving picture of the answers as WebP, ``side`` px on its longer side.
-
-    Raises:
-        UserError: no query has an answer; also as ``Scene.ask``.
-    """
+    """Ask a scene one phrase or more, and write a moving picture of the answers as WebP, ``side`` px on its
+    longer side (UserError: no query has an answer; also as ``Scene.ask``)."""
     answers = scene.ask(*map(clean_phrase, phrases), most=1)
     for answer in answers:
         if answer.refusal:

@@ -5,15 +5,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 
-from egosplat.artifacts.lineage import locate
-from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import INSTANCES, SPLATS
 from egosplat.errors import UserError
 from egosplat.export.gaussians import LEAST_OPACITY, instance_colors
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
-from egosplat.gaussians.io import read_gaussians
+from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import known_poses
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer
@@ -21,11 +19,8 @@ from egosplat.query.finished_scene import Scene
 
 
 def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
-    """Write a .rrd file, whole or not at all, with boxes of the answers to ``phrases`` in the whole scene.
-
-    Raises:
-        UserError: rerun-sdk is not installed, or an artifact is missing or damaged.
-    """
+    """Write a .rrd file, whole or not at all, with boxes of the answers to ``phrases`` in the whole scene
+    (UserError: rerun-sdk is not installed, or an artifact is missing or damaged)."""
     try:
         import rerun as rr
     except ImportError:
@@ -40,7 +35,7 @@ def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
     ):
         stream.save(scratch)
         stream.log("world", getattr(rr.ViewCoordinates, axes), static=True)
-        stream.log("world/gaussians", _points(rr, scene.folder), static=True)
+        stream.log("world/gaussians", _points(rr, scene.gaussians.to(torch.device("cpu"))), static=True)
         frames = _log_frames(rr, stream, scene)
         for answer in answers:
             stream.log(f"world/answers/{answer.phrase}", _boxes(rr, answer), static=True)
@@ -58,9 +53,8 @@ def _boxes(rr: Any, answer: Answer) -> Any:
     )
 
 
-def _points(rr: Any, folder: Path) -> Any:
+def _points(rr: Any, gaussians: Gaussians) -> Any:
     """The Gaussians on surfaces, with their size and their color from all sides."""
-    gaussians = read_gaussians(open_artifact(locate(folder, "splats")[0], SPLATS))
     shown = gaussians.select(gaussians.opacities >= LEAST_OPACITY)
     colors = (shown.sh[:, 0].numpy() * SH_C0 + 0.5).clip(0, 1)
     radii = shown.scales.median(dim=1).values.numpy()
@@ -69,7 +63,7 @@ def _points(rr: Any, folder: Path) -> Any:
 
 def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
     """Log the frames with a pose, with the instances of the coarsest level; returns their number."""
-    instances = open_artifact(locate(scene.folder, "instances")[0], INSTANCES)
+    instances = scene.artifact("instances")
     colors = instance_colors(instances.shape("instances/level")[0]).tolist()
     # Class 0 is no instance, which is transparent.
     classes = [(number, f"{number - 1}", (*color, 255)) for number, color in enumerate(colors, 1)]

@@ -21,11 +21,8 @@ TURNED_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.f
 
 
 def write_spz(path: Path, gaussians: Gaussians, sh_degree: int) -> None:
-    """Write Gaussians on the CPU, whole or not at all, with the axes of OpenGL, as converters of .ply files do.
-
-    Raises:
-        UserError: gsply is not installed, or the format cannot hold the sizes of the Gaussians.
-    """
+    """Write Gaussians on the CPU, whole or not at all, with the axes of OpenGL, as converters of .ply files
+    do (UserError: gsply is not installed, or the format cannot hold the sizes of the Gaussians)."""
     try:
         from gsply import GSData
         from gsply.spz import write_spz as write

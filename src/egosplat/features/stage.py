@@ -37,11 +37,8 @@ _LEAST_COSINE = 0.99
 
 
 def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> None:
-    """Write the features of ``view_features``.
-
-    Raises:
-        UserError: ``dims`` exceeds the features' channels, or training diverges.
-    """
+    """Write the features of ``view_features`` (UserError: ``dims`` exceeds the features' channels, or
+    training diverges)."""
     view_features = open_artifact(view_features_path, VIEW_FEATURES)
     record = provenance.begin_from("features", options.as_dict(), [view_features])
     feature, instance = view_features.read("feature"), view_features.read("instance")

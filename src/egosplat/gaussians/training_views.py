@@ -205,12 +205,9 @@ class Masking:
 def open_masking(
     kind: str, frames: Artifact, *, transient_path: Path | None, masks_path: Path | None
 ) -> Masking:
-    """Open the artifact that a kind of masking needs: ``none``, ``initial`` (M of the network) or ``refined`` (M of instances).
-
-    Raises:
-        UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is missing, unreadable or
-            made from other frames.
-    """
+    """Open the artifact that a kind of masking needs: ``none``, ``initial`` (M of the network) or ``refined``
+    (M of instances; UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is
+    missing, unreadable or made from other frames)."""
     masked = frames if frames.has("masked") else None
     if kind == "none":
         return Masking(None, "", masked)

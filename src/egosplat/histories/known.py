@@ -105,15 +105,10 @@ class Histories:
             ends = _complete(links, lying, np.isfinite(rests.absent_s))
             every = [(row, _between(tracked, rests, row, *sides)) for row, *sides in ends]
             # Two rests at one place, without a carry between them, are one that was not seen for a while.
-            if ways := _ways([one for row, one in every if row >= 0 or not _stays(one)]):
+            if ways := _ways([one for row, one in every if row >= 0 or _moved(one)]):
                 things[thing] = ways
         self.things: tuple[tuple[Carried, ...], ...] = tuple(things.values())
         self.features = rests.feature[list(things)].cpu()
-
-    @property
-    def every(self) -> tuple[Carried, ...]:
-        """The carries of all things, in the order of time."""
-        return tuple(sorted(itertools.chain.from_iterable(self.things), key=lambda one: one.from_s))
 
 
 def _read(histories: Artifact, seconds: Array) -> list[Carried]:
@@ -168,8 +163,8 @@ def _complete(
         yield (-1, rests[-1], -1)
 
 
-def _stays(one: Carried) -> bool:
-    return one.start_is_known and one.end_is_known and meet(one, one.start, one.end)
+def _moved(one: Carried) -> bool:
+    return not (np.isfinite([one.start, one.end]).all() and meet(one, one.start, one.end))
 
 
 def _ways(carries: Sequence[Carried]) -> tuple[Carried, ...]:

@@ -88,7 +88,8 @@ def find_rests(
     it."""
     rests: list[Rest] = []
     for end, seen in track([*zip(ends, views, strict=True)], "learning what rests", unit="end"):
-        if any(_holds(rest, end) and _covers(rest, end, seconds) for rest in rests):
+        times = [seconds[[*rest.frames]] + (-_TOGETHER_S, _TOGETHER_S) for rest in rests if _holds(rest, end)]
+        if any(first <= end.second <= last for first, last in times):
             continue
         learnt = _learn(end, seen, seconds, recording)
         if learnt is None:
@@ -119,12 +120,6 @@ def link(ends: Sequence[End], rests: Sequence[Rest], seconds: Array, carries: in
 def _holds(rest: Rest, end: End) -> bool:
     """Whether the place of an end of a carry is that of a rest."""
     return bool(np.linalg.norm(rest.center - end.center) <= min(rest.radius, end.radius))
-
-
-def _covers(rest: Rest, end: End, seconds: Array) -> bool:
-    """Whether a carry begins or ends in the time of a rest."""
-    first, last = (seconds[frame] for frame in rest.frames)
-    return bool(first - _TOGETHER_S <= end.second <= last + _TOGETHER_S)
 
 
 def _are_one(rest: Rest, other: Rest) -> bool:

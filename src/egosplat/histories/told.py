@@ -41,16 +41,6 @@ class Carried:
     certain: bool = True
 
     @property
-    def start_is_known(self) -> bool:
-        """Whether a frame shows it at rest before."""
-        return bool(np.isfinite(self.start).all())
-
-    @property
-    def end_is_known(self) -> bool:
-        """Whether a frame shows where it is put down."""
-        return bool(np.isfinite(self.end).all())
-
-    @property
     def told(self) -> str:
         """When it was carried, such as "0:04 to 0:07"."""
         return f"{clock(self.from_s)} to {clock(self.until_s)}"

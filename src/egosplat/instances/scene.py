@@ -120,11 +120,8 @@ def find_scene(
     tracks: MovingTracks,
     keys: InstancesOptions,
 ) -> Scene:
-    """Find the things of all levels. Pixels of ``tracks``, of what moves, neither vote nor count as seen.
-
-    Raises:
-        UserError: no view has a mask.
-    """
+    """Find the things of all levels. Pixels of ``tracks``, of what moves, neither vote nor count as seen
+    (UserError: no view has a mask)."""
     lifted = lift(geometry, segments, shown, tracks.remove)
     if lifted is None:
         raise UserError(

@@ -30,11 +30,8 @@ class CodeTargets:
     """
 
     def __init__(self, instances: Artifact, features: Artifact, device: torch.device) -> None:
-        """Load the codes; ``device`` is the device of the targets.
-
-        Raises:
-            UserError: the features were made from other instances.
-        """
+        """Load the codes; ``device`` is the device of the targets (UserError: the features were made from
+        other instances)."""
         self._instances, self._features, self._device = instances, features, device
         check_made_from(features, instances, axes=("instance",))
         self._instance, self._frame = features.read("instance"), features.read("frame")

@@ -33,13 +33,9 @@ _INTERPOLATIONS = ("bicubic", "bilinear")
 
 
 def load_open_clip(model: str, checkpoint: str, device: str, precision: str) -> OpenClip:
-    """Build an OpenCLIP model and load a checkpoint into it, by keys of the configuration's section ``models``, without
-    downloads.
-
-    Raises:
-        UserError: a file or the device is missing, a file is damaged, files do not match, or a part would have to be
-        downloaded.
-    """
+    """Build an OpenCLIP model and load a checkpoint into it, by keys of the configuration's section
+    ``models``, without downloads (UserError: a file or the device is missing, a file is damaged, files do not
+    match, or a part would have to be downloaded)."""
     if model == checkpoint == PHOTOS:
         from egosplat.models.photo_words import load_photo_words
 

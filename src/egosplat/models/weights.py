@@ -58,12 +58,9 @@ class NothingDrawn(TorchFunctionMode):
 
 
 def load_weights(module: nn.Module, tensors: Mapping[str, Tensor], path: Path, model: ModelSpec) -> None:
-    """Set all tensors of a module, in its dtype and on its device, to those of the checkpoint at ``path``; it shares their
-    memory.
-
-    Raises:
-        UserError: tensors are missing, unexpected or of another shape, or hold NaN, infinity or whole numbers.
-    """
+    """Set all tensors of a module, in its dtype and on its device, to those of the checkpoint at ``path``; it
+    shares their memory (UserError: tensors are missing, unexpected or of another shape, or hold NaN, infinity
+    or whole numbers)."""
     own = module.state_dict()
     if differences := _differences(own, tensors):
         key = f"models.{model.config_key}"

@@ -103,11 +103,9 @@ def _model() -> type[Options]:
 
 
 def configure(layers: Sequence[Layer], automatic: str = AUTO) -> LayeredConfig:
-    """Merge layers over the defaults of the set of models that they choose, ``automatic`` by ``auto``, and check the values.
-
-    Raises:
-        UserError: a key is wrong; names the last layer that sets it, its value and what is allowed.
-    """
+    """Merge layers over the defaults of the set of models that they choose, ``automatic`` by ``auto``, and
+    check the values (UserError: a key is wrong; names the last layer that sets it, its value and what is
+    allowed)."""
     models = merge_layers(layers).get("models")
     named = models.get("set", AUTO) if isinstance(models, Mapping) else AUTO
     chosen = automatic if named == AUTO else named

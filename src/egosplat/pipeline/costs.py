@@ -23,11 +23,9 @@ _DAY_MIN = 1440
 
 
 def gigapixels(stage: str, config: Config, inputs: Iterable[str], chunk: bool = False) -> float:
-    """Count the pixels of the frames among a job's inputs, or of the recording to come; of a chunk, those of its frames alone.
-
-    Raises:
-        FileNotFoundError: frames.zarr is an input and is not made yet; ``filename`` is its path.
-    """
+    """Count the pixels of the frames among a job's inputs, or of the recording to come; of a chunk, those of
+    its frames alone (FileNotFoundError: frames.zarr is an input and is not made yet; ``filename`` is its
+    path)."""
     if stage == "synthetic":
         film = config["synthetic"]
         return film["seconds"] * film["fps"] * film["size"] ** 2 / 1e9

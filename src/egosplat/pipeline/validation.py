@@ -32,11 +32,8 @@ def _close(part: Any) -> None:
 
 
 def read_document(path: Path, name: str) -> dict[str, Any]:
-    """Read a JSON result and check it against the schema ``name``.
-
-    Raises:
-        UserError: the file is missing, is not JSON, or does not match the schema; says how to make it.
-    """
+    """Read a JSON result and check it against the schema ``name`` (UserError: the file is missing, is not
+    JSON, or does not match the schema; says how to make it)."""
     again = f"Rebuild it: {make_command(path, '--force ')}"
     try:
         document = read_json(path)

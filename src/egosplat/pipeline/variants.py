@@ -75,11 +75,8 @@ def owner(stage: str, base: LayeredConfig, name: str, where: str) -> str | None:
 
 
 def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
-    """Get the configuration of a scene's variant: its keys, and those of variants that it extends, are layers above the scene's.
-
-    Raises:
-        UserError: there is no such variant, or a key is not allowed.
-    """
+    """Get the configuration of a scene's variant: its keys, and those of variants that it extends, are layers
+    above the scene's (UserError: there is no such variant, or a key is not allowed)."""
     if name in base.variants:
         return base.variants[name]
     layers = []

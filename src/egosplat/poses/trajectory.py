@@ -44,11 +44,8 @@ class Trajectory:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """Read a trajectory table.
-
-    Raises:
-        UserError: the file lacks a column or a second row, or has a bad row, whose line the message names.
-    """
+    """Read a trajectory table (UserError: the file lacks a column or a second row, or has a bad row, whose
+    line the message names)."""
     # ``projectaria_tools.core.mps`` (2.3) stops at a damaged row and returns the rows before without an error, and it
     # returns NaN poses for a quaternion of zero norm.
     table = _read_table(path)

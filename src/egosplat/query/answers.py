@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.geometry import Array
-from egosplat.histories.told import Carried, Place, place_at
+from egosplat.histories.told import Carried, Place, clock, place_at
 from egosplat.query.maps import Map, Mask
 
 # What is told of a view without a match.
@@ -38,6 +38,27 @@ class Thing:
 
 
 @dataclass(frozen=True, eq=False)
+class Moving:
+    """What matches a query and is masked because it moves, so it has no place in 3D; ``tracks`` are its instances.
+
+    Attributes:
+        rating: as of a thing; None for the wearer, who is known by another rule.
+        frame: one that shows much of it.
+        spans: first and last second, since the first frame, of each time in which it is seen, in order.
+    """
+
+    rating: float | None
+    frame: int
+    tracks: NDArray[np.int64]
+    spans: tuple[tuple[float, float], ...]
+
+    @property
+    def told(self) -> str:
+        """When it is seen, such as "0:02 to 0:07, 0:12 to 0:19"."""
+        return ", ".join(f"{clock(first)} to {clock(last)}" for first, last in self.spans)
+
+
+@dataclass(frozen=True, eq=False)
 class ViewMatch:
     """What matches a query in one view of (H, W) pixels; a view without any code has score 0, an empty mask, and no place.
 
@@ -64,12 +85,13 @@ class Answer:
     """The answer to one query.
 
     Attributes:
-        grade: ``found``, ``best guess`` or ``not found`` (docs/method.md#grades), by ``rating``, which is as that of a thing.
+        grade: ``found``, ``best guess``, ``seen moving`` or ``not found`` (docs/method.md#grades), by ``rating``, which is as that of a thing.
         score, probability: of the best match by score; no probability for a view.
         refusal: the reason why nothing is found; None if something is, or is guessed.
         untaught: words of the query that the OpenCLIP checkpoint was not trained on.
         things: things in 3D of this grade, by decreasing score; empty if refused, or if one view was asked.
         candidates: the best things, two at least if there are, whether they fit or not.
+        moving: when it is seen moving, where nothing is found in 3D.
         history: when what the query means was carried, and from where to where, in the order of time.
         view: what matches in the view that was asked; None if refused, if the view shows nothing, or without a view.
     """
@@ -82,6 +104,7 @@ class Answer:
     untaught: tuple[str, ...] = ()
     things: tuple[Thing, ...] = ()
     candidates: tuple[Thing, ...] = ()
+    moving: Moving | None = None
     history: tuple[Carried, ...] = ()
     view: ViewMatch | None = None
 

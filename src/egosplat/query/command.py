@@ -7,12 +7,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.artifacts.schemas import TRACKS
 from egosplat.errors import UserError
 from egosplat.geometry import Array
 from egosplat.histories.told import clock
 from egosplat.models.suitability import notice_of_artifacts
-from egosplat.pipeline.home import make_command
 from egosplat.progress import track
 from egosplat.query.answers import NOTHING, Answer
 from egosplat.query.finished_scene import Scene
@@ -55,7 +53,7 @@ def run(
     if viewpoint is None:
         grading, columns = scene.grading(), ("center [{}]", "size [{}]", "frame")
         # A view is never calibrated; saying so with each would tell nothing.
-        lines += [grading.notice, _untold(scene)]
+        lines.append(grading.notice)
     title, queries = "\n".join(filter(None, lines)), list(dict.fromkeys(map(clean_phrase, phrases)))
     rows = [("query", "answer", grading.measure, "level", *(name.format(scene.unit) for name in columns))]
     kept: list[Answer] = []
@@ -90,18 +88,6 @@ def _viewpoint_at(scene: Scene, viewpoint: Viewpoint | None, at: float) -> Viewp
     return viewpoint and replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at)
 
 
-def _untold(scene: Scene) -> str | None:
-    """A line for a scene in which things are tracked, and what is carried is not known."""
-    instances = scene.made_from.found.get("instances.zarr")
-    # Where everything is tracked, nothing is known to move.
-    if instances is None or instances.facts["source"] == TRACKS or scene.histories is not None:
-        return None
-    if not instances.read("instances/moving").any():
-        return None
-    command = make_command(scene.folder / "histories.zarr")
-    return f"things are tracked here; to learn where they were carried: {command}"
-
-
 def _table(rows: Sequence[Sequence[str]]) -> str:
     """Align the columns that the first row names; the last cell of a shorter row is a sentence that does not widen its column."""
     count = len(rows[0])
@@ -114,6 +100,10 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
 def _rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     """The rows of an answer; of one that is refused the last cell says why, with the number that it was graded by, if that means anything."""
     view, shown = answer.view, grading.shown(answer.rating)
+    if moving := answer.moving:
+        told = f"{moving.told}  frame {moving.frame}"
+        rated = _ABSENT if moving.rating is None else grading.shown(moving.rating)
+        return [(answer.phrase, answer.grade, rated, _ABSENT, told)]
     if answer.refusal:
         graded = answer.rating > 0 and not answer.untaught
         # What moves is masked: a carried thing is found nowhere, and yet known.
@@ -156,12 +146,12 @@ def _numbers(point: Array | None) -> str:
 
 
 def _render_thing(scene: Scene, answer: Answer) -> DrawnAnswer:
-    """The best thing of an answer in the frame that shows it best."""
-    if not answer.things:
+    """The best thing of an answer in the frame that shows it best; what moves, which is not rendered, in the photograph."""
+    if (best := answer.moving or next(iter(answer.things), None)) is None:
         return answer, "", None
-    thing = answer.things[0]
-    view = scene.show(answer.phrase, thing, DRAWN_SIDE)
-    return replace(answer, view=view), f"frame {thing.frame}", scene.render(thing.frame)
+    view = scene.show(answer.phrase, best, DRAWN_SIDE)
+    picture = scene.render(best.frame) if answer.things else scene.frames[best.frame] / np.float32(255)
+    return replace(answer, view=view), f"frame {best.frame}", picture
 
 
 def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:

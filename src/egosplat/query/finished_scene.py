@@ -24,8 +24,9 @@ from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.pipeline.home import ASKED, check_scene_folder
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query import grades
-from egosplat.query.answers import Answer, Thing, ViewMatch
-from egosplat.query.maps import Mask
+from egosplat.query.answers import Answer, Moving, Thing, ViewMatch
+from egosplat.query.maps import Mask, innermost
+from egosplat.query.moving import Tracks
 from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
 from egosplat.query.text import Texts, encode_texts, untaught_words, words_to_try
@@ -148,6 +149,14 @@ class Scene:
         return Histories(tracked, rests, self.seconds) if rests.feature.shape[1] == channels else None
 
     @cached_property
+    def tracks(self) -> Tracks | None:
+        """What moves and is masked from the Gaussians; None if nothing is."""
+        masks, views = (self.made_from.found.get(f"{name}.zarr") for name in ("masks", "view_features"))
+        if masks is None or views is None:
+            return None
+        return Tracks.read(masks, views, self.encoded, self.camera, self.poses, self.valid)
+
+    @cached_property
     def _tracked(self) -> Artifact | None:
         # A stage is given what it may show: histories.zarr in the folder may be no input of it.
         given = next((one for one in self.given if one.schema.name == "histories"), None)
@@ -241,27 +250,19 @@ class Scene:
             things = [replace(one, probability=each) for one, each in zip(things, chances, strict=True)]
         coded = bool(things) or bool((self.trained.share > 0).any())
         answer = grades.judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded)
-        return replace(answer, history=self._history(query, options))
+        answer = replace(answer, history=self._history(query, options))
+        if answer.grade != grades.NOT_FOUND or answer.untaught or self.tracks is None:
+            return answer
+        moving = self.tracks.find(query, self._words, self.seconds, grading, options)
+        if moving is None:
+            return answer
+        refusal = f"seen moving {moving.told}, with no place in 3D"
+        return replace(answer, grade=grades.MOVING, refusal=refusal, moving=moving)
 
     def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
         if (known := self.histories) is None or untaught_words(self.clip, query.phrases[0]):
             return ()
         return grades.find_history(known, query, self._words, options.temperature)
-
-    def carried(self) -> list[tuple[str, Carried]]:
-        """List what is carried, in the order of time, each with the word that fits best of those in whose history it is, or "".
-
-        >>> [(name, carried.told) for name, carried in scene.carried()]
-        [('cup', '0:00 to 0:00')]
-        """
-        every = () if self.histories is None else self.histories.every
-        named = {(one.from_s, one.until_s, one.box): ("", one) for one in every}
-        for word in self._words.phrases if every else ():
-            for one in self._history(self._words.of([word]), self.options):
-                key = one.from_s, one.until_s, one.box
-                if named[key][1].score < one.score:
-                    named[key] = word, one
-        return [named[one.from_s, one.until_s, one.box] for one in every]
 
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
         """Encode phrases, each once, and the canonical phrases. Raises as ``ask``."""
@@ -305,9 +306,14 @@ class Scene:
             raise UserError("render: give a frame or a pose")
         return self.trained.at(self.rests, view.second).picture(camera or self.camera, view.camera_to_world)
 
-    def show(self, phrase: str, thing: Thing, resolution: int = 0) -> ViewMatch:
+    def show(self, phrase: str, thing: Thing | Moving, resolution: int = 0) -> ViewMatch:
         """Show a thing that answers a phrase in the frame that shows it best: its pixels, and the relevancy of the whole view, of which
-        ``resolution`` is the longer side [px]; 0 for the camera's."""
+        ``resolution`` is the longer side [px]; 0 for the camera's. What moves has 1 in its pixels."""
+        if isinstance(thing, Moving):
+            labels = self.artifact("instances").row("labels", thing.frame)
+            mask = np.asarray(np.isin(labels, thing.tracks).any(axis=0))
+            place = innermost(mask), None, mask.astype(np.float32)
+            return ViewMatch(phrase, 1.0, "track", *place, "track", mask)
         view = self.camera, self.poses[thing.frame], self.valid
         options = self.options.change(resolution=resolution)
         return show_thing(self.trained, thing, self.encode([phrase]), *view, options)

@@ -21,7 +21,7 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.text import CARRIED, Texts, explain_untaught
 from egosplat.query.things import Surface
 
-FOUND, GUESS, NOT_FOUND = "found", "best guess", "not found"
+FOUND, GUESS, MOVING, NOT_FOUND = "found", "best guess", "seen moving", "not found"
 
 NOTHING_LIKE_IT = "not found: nothing here looks like it"
 

@@ -97,11 +97,8 @@ def renderer(name: str, means: Tensor) -> Callable[[Arguments], Render]:
 
 
 def chosen_backend(name: str, means: Tensor) -> str:
-    """Return the name of a backend, with ``auto`` resolved for the means.
-
-    Raises:
-        ValueError: there is no such backend.
-    """
+    """Return the name of a backend, with ``auto`` resolved for the means (ValueError: there is no such
+    backend)."""
     if name not in BACKENDS:
         raise ValueError(f"backend is {name!r}, not one of {', '.join(BACKENDS)}")
     return _choose(means) if name == "auto" else name

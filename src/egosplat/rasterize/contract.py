@@ -81,11 +81,8 @@ def shows_expected_depth(render_mode: str) -> bool:
 
 
 def check(arguments: Arguments) -> None:
-    """Validate the arguments of ``rasterization``; Gaussians may have non-finite numbers, cameras may not.
-
-    Raises:
-        ValueError: a shape, dtype, device, number or mode is not as ``rasterization`` documents.
-    """
+    """Validate the arguments of ``rasterization``; Gaussians may have non-finite numbers, cameras may not
+    (ValueError: a shape, dtype, device, number or mode is not as ``rasterization`` documents)."""
     a = arguments
     _check_choice("render_mode", a.render_mode, RENDER_MODES)
     _check_choice("rasterize_mode", a.rasterize_mode, RASTERIZE_MODES)
@@ -115,11 +112,8 @@ def check(arguments: Arguments) -> None:
 
 
 def check_cameras(viewmats: Tensor, Ks: Tensor) -> None:
-    """Validate the numbers of cameras, (C, 4, 4) and (C, 3, 3) on the CPU.
-
-    Raises:
-        ValueError: a number is not finite, a focal length is not positive, or there is skew.
-    """
+    """Validate the numbers of cameras, (C, 4, 4) and (C, 3, 3) on the CPU (ValueError: a number is not
+    finite, a focal length is not positive, or there is skew)."""
     view, intrinsics = viewmats.detach().flatten(1), Ks.detach().flatten(1)
     if not (view.isfinite().all() and intrinsics.isfinite().all()):
         raise ValueError("viewmats or Ks hold a number that is not finite")

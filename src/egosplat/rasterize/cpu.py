@@ -20,11 +20,8 @@ from egosplat.rasterize.kernels.raster import composite, project
 
 
 def rasterization(arguments: Arguments) -> Render:
-    """``api.rasterization`` with the compiled kernels; the images are views of planar ones.
-
-    Raises:
-        UserError: the kernels are not compiled, or the tensors are not float32 on the CPU.
-    """
+    """``api.rasterization`` with the compiled kernels; the images are views of planar ones (UserError: the
+    kernels are not compiled, or the tensors are not float32 on the CPU)."""
     a = arguments
     _check_usable(a)
     sh, extra = _sources(a)

@@ -42,12 +42,8 @@ SMALLEST_DISTANCE = 1e-6
 
 
 def rasterization(arguments: Arguments) -> Render:
-    """``api.rasterization`` with gsplat, in float32 on a CUDA device.
-
-    Raises:
-        UserError: there is no CUDA device or no supported gsplat, or the tensors are not float32 on a CUDA
-            device.
-    """
+    """``api.rasterization`` with gsplat, in float32 on a CUDA device (UserError: there is no CUDA device or
+    no supported gsplat, or the tensors are not float32 on a CUDA device)."""
     gsplat, means = load_gsplat(), arguments.means
     if means.dtype != torch.float32 or not means.is_cuda:
         raise UserError(
@@ -58,11 +54,8 @@ def rasterization(arguments: Arguments) -> Render:
 
 
 def load_gsplat() -> ModuleType:
-    """Import gsplat, which compiles itself on the first import; other processes wait until it has.
-
-    Raises:
-        UserError: it is missing, too old, too new or does not load, or there is no CUDA device.
-    """
+    """Import gsplat, which compiles itself on the first import; other processes wait until it has (UserError:
+    it is missing, too old, too new or does not load, or there is no CUDA device)."""
     # Without a device gsplat would still try to compile and fail with a misleading message.
     if not torch.cuda.is_available():
         raise UserError("backend cuda: PyTorch finds no CUDA device; use the backend auto or cpu")

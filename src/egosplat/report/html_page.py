@@ -29,11 +29,8 @@ class Picture:
 
 
 def read_picture(path: Path, about: str | None = None) -> Picture:
-    """Read a PNG or JPEG file and encode it as WebP; its name, and without ``about`` its caption, is its path below ``results``.
-
-    Raises:
-        UserError: it cannot be read, or is of another kind.
-    """
+    """Read a PNG or JPEG file and encode it as WebP; its name, and without ``about`` its caption, is its path
+    below ``results`` (UserError: it cannot be read, or is of another kind)."""
     if path.suffix.lower() not in _KINDS:
         raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
     if not path.is_file():

@@ -20,11 +20,8 @@ from egosplat.report.html_page import read_picture, render_page
 
 
 def run(paths: Sequence[Path], output: Path, title: str) -> None:
-    """Write the page of a scene from its files: artifacts, pages, survey.json, metrics.json.
-
-    Raises:
-        UserError: a file is missing or damaged.
-    """
+    """Write the page of a scene from its files: artifacts, pages, survey.json, metrics.json (UserError: a
+    file is missing or damaged)."""
     if missing := [path for path in paths if not path.exists()]:
         raise UserError(f"{missing[0]}: does not exist. Make it: {make_command(missing[0])}")
     files = {path.name: path for path in paths}

@@ -54,11 +54,8 @@ class Fit(NamedTuple):
 def import_gaussians(
     files: list[Path], frames: Artifact, poses: Artifact, settings: RenderSettings, device: torch.device
 ) -> tuple[Gaussians, dict[str, Any]]:
-    """Read Gaussians of ``source_files``, and bring them to the world of ``poses``, on ``device``; and facts.
-
-    Raises:
-        UserError: a file is damaged, or the Gaussians do not fit the pictures in any known world.
-    """
+    """Read Gaussians of ``source_files``, and bring them to the world of ``poses``, on ``device``; and facts
+    (UserError: a file is damaged, or the Gaussians do not fit the pictures in any known world)."""
     gaussians = read_source(files[0])
     log(f"{files[0]}: {gaussians.count} Gaussians, spherical harmonics of degree {gaussians.sh_degree}")
     rows = np.flatnonzero(poses.read("registered"))

@@ -32,11 +32,9 @@ _SPZ_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def read_source(path: Path) -> Gaussians:
-    """Read the Gaussians of a file, in its world, without those that have a number that is not finite.
-
-    Raises:
-        UserError: the file is damaged, or holds something else than 3D Gaussians of spherical harmonics up to degree 3.
-    """
+    """Read the Gaussians of a file, in its world, without those that have a number that is not finite
+    (UserError: the file is damaged, or holds something else than 3D Gaussians of spherical harmonics up to
+    degree 3)."""
     with path.open("rb") as file:
         head = file.read(65536)
     if head.startswith(b"ply"):

@@ -93,11 +93,8 @@ class Decoder(nn.Module):
 
 
 def make_network(input_size: int, sideways: bool, encoder_weights: Path | None, seed: int) -> TransientNet:
-    """Create H with encoder weights from a file, or random ones. The decoder is always random, from ``seed``.
-
-    Raises:
-        UserError: the size is invalid, or the file is missing, damaged or of another architecture.
-    """
+    """Create H with encoder weights from a file, or random ones. The decoder is always random, from ``seed``
+    (UserError: the size is invalid, or the file is missing, damaged or of another architecture)."""
     if input_size % STRIDE or input_size < LEAST_SIDE:
         raise UserError(
             f"transient.input_size = {input_size}: must be a multiple of {STRIDE}, and at least {LEAST_SIDE}"

@@ -22,12 +22,9 @@ _PAGE = STAGES["scene_page"]
 
 
 def run(folder: Path, options: PageOptions, host: str, port: int, *, browse: bool = False) -> None:
-    """Serve the page of a scene until Ctrl-C; phrases that it does not know are asked here. ``browse`` opens a browser.
-
-    Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or the port
-            is in use.
-    """
+    """Serve the page of a scene until Ctrl-C; phrases that it does not know are asked here. ``browse`` opens
+    a browser (UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is
+    missing; or the port is in use)."""
     check_scene_folder(folder, _PAGE.inputs)
     # Before the page is made, which takes seconds.
     with PageServer(host, port) as server:

@@ -14,7 +14,7 @@ from egosplat.files import write_text
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, known_poses
 from egosplat.histories.known import Histories, Rests
-from egosplat.histories.told import APART
+from egosplat.histories.told import APART, Carried
 from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, scene_of
@@ -52,12 +52,9 @@ def run(
     title: str,
     histories_path: Path | None = None,
 ) -> None:
-    """Write the page of a scene, whole or not at all; with what is carried, and what rests, if it is known.
-
-    Raises:
-        UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame
-            has a pose.
-    """
+    """Write the page of a scene, whole or not at all; with what is carried, and what rests, if it is known
+    (UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or
+    no frame has a pose)."""
     paths = [frames_path, poses_path, instances_path, features_path, splats_path, language_path]
     paths += [histories_path] if histories_path else []
     text, facts = make_page(scene_of(map(open_artifact, paths, SCHEMAS), options), options, title)
@@ -123,43 +120,29 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
 
 def add_rests(gaussians: Gaussians, rests: Rests | None) -> tuple[Gaussians, Facts]:
     """Append the Gaussians of rests, one rest after the other; the facts tell their number and time [s]."""
-    if rests is None:
-        return gaussians, {"count": gaussians.count, "drawn": gaussians.count, "rests": []}
-    order = np.argsort(rests.rest, kind="stable")
-    more = rests.gaussians.select(torch.from_numpy(order).to(gaussians.means.device))
-    spans = np.round([rests.from_s, rests.until_s], SECOND).tolist()
-    counts = np.bincount(rests.rest, minlength=len(rests.thing)).tolist()
-    about = [
-        {"from": first, "until": last, "count": count}
-        for first, last, count in zip(*spans, counts, strict=True)
-    ]
-    drawn = gaussians.count + more.count
-    return Gaussians.concatenate([gaussians, more]), {
-        "count": gaussians.count,
-        "drawn": drawn,
-        "rests": about,
-    }
+    every, about = gaussians, []
+    if rests is not None:
+        order = np.argsort(rests.rest, kind="stable")
+        more = rests.gaussians.select(torch.from_numpy(order).to(gaussians.means.device))
+        every = Gaussians.concatenate([gaussians, more])
+        counts = np.bincount(rests.rest, minlength=len(rests.thing))
+        rows = zip(*np.round([rests.from_s, rests.until_s], SECOND).tolist(), counts.tolist(), strict=True)
+        about = [{"from": first, "until": last, "count": count} for first, last, count in rows]
+    return every, {"count": gaussians.count, "drawn": every.count, "rests": about}
 
 
 def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
     """Pack ``carried_vectors`` (T, D) float16, features of things that are carried, and when each is and from where to where."""
     if histories is None or not histories.things:
         return {}, {"carried_things": []}
-    facts = [
-        [
-            {
-                "from": one.from_s,
-                "until": one.until_s,
-                "start": one.start.tolist() if one.start_is_known else None,
-                "end": one.end.tolist() if one.end_is_known else None,
-                "size": one.size,
-                "certain": one.certain,
-            }
-            for one in carries
-        ]
-        for carries in histories.things
-    ]
-    return {"carried_vectors": histories.features.numpy().astype(np.float16)}, {"carried_things": facts}
+
+    def facts(one: Carried) -> Facts:
+        start, end = (place.tolist() if np.isfinite(place).all() else None for place in (one.start, one.end))
+        told = {"from": one.from_s, "until": one.until_s, "start": start, "end": end}
+        return told | {"size": one.size, "certain": one.certain}
+
+    vectors = {"carried_vectors": histories.features.numpy().astype(np.float16)}
+    return vectors, {"carried_things": [[*map(facts, carries)] for carries in histories.things]}
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:

@@ -44,11 +44,8 @@ def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
 
 
 def ask_for_page(scene: Scene, phrase: str) -> Facts:
-    """The vector and the verdict of a phrase, or why it has none, as ``source/answer.js`` reads them.
-
-    Raises:
-        UserError: as ``Scene.ask``.
-    """
+    """The vector and the verdict of a phrase, or why it has none, as ``source/answer.js`` reads them
+    (UserError: as ``Scene.ask``)."""
     [answer] = scene.ask(phrase)
     if answer.untaught:
         return {"why": answer.refusal}
@@ -58,23 +55,20 @@ def ask_for_page(scene: Scene, phrase: str) -> Facts:
 
 def answer_facts(answer: Answer, levels: Sequence[str]) -> Facts:
     """A verdict of the whole scene with the things that are shown; ``level`` is that of the best match, by its index."""
+    moving, names = answer.moving, ("score", "rating", "frame")
+    things = [
+        {name: getattr(thing, name) for name in names}
+        | {"level": levels.index(thing.level), "center": thing.center.tolist(), "size": thing.size.tolist()}
+        for thing in answer.things
+    ]
     return {
         "grade": answer.grade,
         "score": answer.score,
         "rating": answer.rating,
         "why": answer.refusal,
         "level": levels.index(answer.candidates[0].level) if answer.candidates else None,
-        "things": [
-            {
-                "score": thing.score,
-                "rating": thing.rating,
-                "level": levels.index(thing.level),
-                "frame": thing.frame,
-                "center": thing.center.tolist(),
-                "size": thing.size.tolist(),
-            }
-            for thing in answer.things
-        ],
+        "things": things,
+        "moving": moving and {name: getattr(moving, name) for name in ("rating", "frame", "spans")},
     }
 
 

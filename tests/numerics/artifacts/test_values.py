@@ -92,8 +92,7 @@ def write(folder, kind, name, bad):
     "cases",
     [
         pytest.param(
-            cases,
-            marks=pytest.mark.numerics(tried, outside="UserError names the array, written or read"),
+            cases, marks=pytest.mark.numerics(tried, outside="UserError names the array, written or read")
         )
         for tried, cases in CASES.items()
     ],

@@ -112,8 +112,7 @@ def test_loud_noise(gain, share):
 
 
 @pytest.mark.numerics(
-    "a black frame and a lit one at gains of 0 and 1e6",
-    outside="black stays black; light is white",
+    "a black frame and a lit one at gains of 0 and 1e6", outside="black stays black; light is white"
 )
 def test_frames_at_a_gain_of_a_million():
     def frame(radiance, gain, effects=NOISY):
@@ -139,10 +138,7 @@ def test_auto_exposure():
     assert auto_exposure(np.zeros(9), np.arange(9.0), 4.0).tolist() == [1.0] * 9
 
 
-@pytest.mark.numerics(
-    "time times gain: exposures of 0 to 0.8 s, factors of 1e-6 to 1e6",
-    within=1e-15,
-)
+@pytest.mark.numerics("time times gain: exposures of 0 to 0.8 s, factors of 1e-6 to 1e6", within=1e-15)
 def test_exposure_times(measured):
     for nominal in (1e-9, 1e-5, 0.009, 0.8):
         for factor in (1e-6, 1.0, 1e6):

@@ -91,10 +91,7 @@ def test_compression(color, log_gain, compression):
     assert all(bool(leaf.grad.isfinite().all()) for leaf in leaves)
 
 
-@pytest.mark.numerics(
-    "a gradient of a pose that is not finite",
-    outside="the view keeps its correction",
-)
+@pytest.mark.numerics("a gradient of a pose that is not finite", outside="the view keeps its correction")
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_broken_gradient(value):
     views = one_frame(100)

@@ -59,11 +59,7 @@ def test_loss_of_one_color(measured, level):
         measured(error)
 
 
-@pytest.mark.numerics(
-    "loss: a render equal to the photograph",
-    within=1e-6,
-    outside="the error is absolute",
-)
+@pytest.mark.numerics("loss: a render equal to the photograph", within=1e-6, outside="the error is absolute")
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_loss_of_equal_pictures(measured, noise):
     target = 0.5 + noise * (torch.rand(SIZE, SIZE, 3, generator=torch.Generator().manual_seed(0)) - 0.5)

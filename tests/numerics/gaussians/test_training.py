@@ -44,10 +44,7 @@ def test_broken_points(scene, run, capsys):
     assert "37 of 40 points" in capsys.readouterr().err
 
 
-@pytest.mark.numerics(
-    "no point, and no visible point",
-    outside="random points in front of the cameras",
-)
+@pytest.mark.numerics("no point, and no visible point", outside="random points in front of the cameras")
 @pytest.mark.parametrize("xyz", [points(0), points(5) - [0, 0, 9]])
 def test_no_points(scene, run, capsys, xyz):
     run(scene(**{"points/xyz": xyz, "points/rgb": colors(len(xyz))}), iterations=10)
@@ -79,9 +76,7 @@ def test_one_frame_masked(scene, run):
 
 
 @pytest.mark.numerics(
-    "held-out frames, some without a pixel",
-    within=1e-12,
-    outside="the mean PSNR is that of the others",
+    "held-out frames, some without a pixel", within=1e-12, outside="the mean PSNR is that of the others"
 )
 def test_mean_psnr(measured):
     measured(abs(Scores(np.array([30.0, np.nan, 20.0]), np.ones(3)).mean_psnr - 25.0))
@@ -89,8 +84,7 @@ def test_mean_psnr(measured):
 
 
 @pytest.mark.numerics(
-    "renders that are NaN in every iteration",
-    outside="UserError after 30 iterations: what to change",
+    "renders that are NaN in every iteration", outside="UserError after 30 iterations: what to change"
 )
 def test_renders_that_stay_broken(scene, run, left, monkeypatch):
     monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
@@ -151,8 +145,7 @@ def test_no_finite_gaussian(scene, run, left, monkeypatch):
 
 
 @pytest.mark.numerics(
-    "learning rates of positions x100 and x1e4, and all x100",
-    outside="trains, or UserError says why",
+    "learning rates of positions x100 and x1e4, and all x100", outside="trains, or UserError says why"
 )
 @pytest.mark.parametrize(("positions", "others"), [(100, 1), (10_000, 1), (100, 100)])
 def test_learning_rates(scene, run, left, monkeypatch, positions, others):
@@ -239,7 +232,6 @@ def test_units_that_the_renderer_does_not_reach(scene, run, left, unit, known):
 @pytest.mark.numerics("frames less than 11 px high", outside="trains; SSIM is NaN")
 @pytest.mark.parametrize("height", [1, 5, 10])
 def test_small_pictures(scene, run, height):
-    """No SSIM window of 11 px fits into the image; PSNR is measured anyway."""
     intrinsics = np.array([[18.0, 0, 10], [0, 18.0, height / 2], [0, 0, 1]])
     rgb, valid = np.full((FRAMES, height, SIZE, 3), 90, np.uint8), np.ones((height, SIZE), bool)
     trained = run(scene(rgb=rgb, valid=valid, intrinsics=intrinsics))

@@ -86,9 +86,7 @@ def test_signs_of_quaternions(write, measured, signs):
 
 
 @pytest.mark.numerics(
-    "quaternions of length 0.99 to 1.01: normalized",
-    within=1e-14,
-    outside="others: UserError names the line",
+    "quaternions of length 0.99 to 1.01: normalized", within=1e-14, outside="others: UserError names the line"
 )
 @given(length=st.floats(0.991, 1.009))
 def test_lengths_of_quaternions(write, measured, length):

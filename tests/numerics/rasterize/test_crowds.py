@@ -56,10 +56,7 @@ def test_ten_thousand_gaussians_on_one_pixel(gaussian, compare, measured, low, h
     assert not both.found.gradients["colors"][-1].any()
 
 
-@pytest.mark.numerics(
-    "the same, gradient by the pose: errors of 900 Gaussians add up",
-    within=2e-2,
-)
+@pytest.mark.numerics("the same, gradient by the pose: errors of 900 Gaussians add up", within=2e-2)
 @OPACITIES
 def test_pose_gradient_with_ten_thousand_gaussians(gaussian, compare, measured, low, high):
     opacities = np.random.default_rng(1).uniform(low, high, 10_000)

@@ -23,9 +23,7 @@ IMAGE = pytest.mark.numerics(
     outside="drawn up to 1e18 m",
 )
 DIMMED = pytest.mark.numerics(
-    "image: the same, antialiased",
-    within=1e-5,
-    outside="dimmed below alpha 1/255: culled",
+    "image: the same, antialiased", within=1e-5, outside="dimmed below alpha 1/255: culled"
 )
 
 
@@ -38,9 +36,7 @@ def test_image_of_any_scales(gaussian, compare, measured, mode, scales, turn):
 
 
 @pytest.mark.numerics(
-    "gradients: scales of 1e-8 to 1e4 m within a factor of 3",
-    within=1e-5,
-    outside="finite at any scale",
+    "gradients: scales of 1e-8 to 1e4 m within a factor of 3", within=1e-5, outside="finite at any scale"
 )
 @MODES
 @given(size=decades(-8, 4), turn=TURNS)
@@ -50,9 +46,7 @@ def test_gradients_of_any_scale(gaussian, compare, measured, mode, size, turn):
 
 
 @pytest.mark.numerics(
-    "gradients: needles 1e-8 m thin and 1e-4 to 1e4 m long",
-    within=1e-4,
-    outside="finite at any length",
+    "gradients: needles 1e-8 m thin and 1e-4 to 1e4 m long", within=1e-4, outside="finite at any length"
 )
 @given(length=decades(-4, 4), turn=TURNS)
 def test_elongated_gaussians(gaussian, compare, measured, length, turn):
@@ -136,9 +130,7 @@ def test_opacities(gaussian, compare, measured, opacity):
 
 
 @pytest.mark.numerics(
-    "opacity 1 at the center of a pixel",
-    within=1e-6,
-    outside="alpha is 0.999 there, without gradient",
+    "opacity 1 at the center of a pixel", within=1e-6, outside="alpha is 0.999 there, without gradient"
 )
 def test_opacity_of_one(gaussian, compare, measured):
     values = gaussian(

@@ -89,7 +89,6 @@ def test_facts_and_arrays_of_an_artifact_raise_its_alarms(tmp_path, kind, arrays
 
 
 def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tmp_path, capfd):
-    """The log of the stage that used them begins with the notice."""
     small = {"sam2_checkpoint": "small"}
     real = {"options": small, "origin": "real", "models": {"sam2_checkpoint": "c0de"}}
     written(tmp_path, "segments", {}, FIGURES, **real)

@@ -37,7 +37,6 @@ def test_an_alarm_is_raised_just_beyond_its_limit_and_not_at_it(key):
 
 
 def test_infinite_psnr_raises_no_alarm_and_nan_does():
-    """JSON holds null in place of NaN."""
     assert find_alarm("splats.psnr", {"value": math.inf}) == []
     (alarm,) = find_alarm("splats.psnr", {"value": math.nan})
     assert "nan dB" in alarm_line(alarm) == alarm_line(Alarm("splats.psnr", {"value": None, "limit": 20.0}))
@@ -74,7 +73,6 @@ def test_an_advice_names_keys_and_values_that_exist(key):
 
 @pytest.mark.parametrize("alarm", CAUSED)
 def test_an_advice_names_the_presets_that_set_what_caused_its_alarm(alarm):
-    """A preset that lowers a number, or chooses another word, than the default."""
     for key in TABLE[alarm].causes:
         section, name = key.split(".")
         default = section_keys(section)[name]["default"]
@@ -87,7 +85,6 @@ def test_an_advice_names_the_presets_that_set_what_caused_its_alarm(alarm):
 
 @pytest.mark.parametrize("key", [key for key in SHOWN if key != "poses.models"])
 def test_a_sentence_shows_no_figure_within_the_normal_range(key):
-    """Not even where rounding would bring it there."""
     text = TABLE[key].sentence.partition("{value")[2].partition("}")[0]
     figures = dict.fromkeys(("cosine", "spread", "points"), 0.0) | {"value": beyond(key, 1e-9)}
     shown = found_text(Alarm(key, figures))

@@ -19,7 +19,6 @@ while time.thread_time() < {WORK_S}:
 
 
 def test_time_of_threads_and_children_counts():
-    """COLMAP and Snakemake's children compute in other processes and threads."""
     start = provenance.cpu_seconds()
     thread = threading.Thread(target=exec, args=(WORK,))
     thread.start()

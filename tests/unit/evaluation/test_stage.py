@@ -184,7 +184,6 @@ def put_bright(folder, *spans):
 
 @pytest.mark.parametrize("spans", [(), ((0, 0), (3, 3))])
 def test_where_nothing_rests_scores_are_those_without_time(word_scene, usual, spans):
-    """Frames 1 and 2 are asked, and 1 alone is held out."""
     found = scored(*put_bright(word_scene(), *spans))
     assert "rendering_without_time" not in usual
     assert found["rendering_without_time"] == found["rendering"] == usual["rendering"]

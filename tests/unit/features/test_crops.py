@@ -10,7 +10,6 @@ from egosplat.models.clip import Preprocessing
 
 
 def test_each_instance_has_its_area_and_box_at_any_level():
-    """Also of masks in two parts, and of none."""
     labels = np.full((2, 6, 8), -1, np.int32)
     labels[0, 1:3, 2:5] = 3
     labels[0, 5, 7] = labels[0, 3, 6] = 0

@@ -60,7 +60,6 @@ def test_images_of_other_formats_are_counted(images, capsys, suffix):
     "first, second", [("000.png", "000.jpg"), ("a.jpeg", "a.jpg"), ("b.PNG", "b.png"), ("x 1.jpg", "x 1.png")]
 )
 def test_two_images_of_one_name_are_rejected_with_both_names(tmp_path, first, second):
-    """One of the two would be trained on and the other held out."""
     folder = write_images(tmp_path / "twice", ["5.png", first, second, "7.png"])
     with pytest.raises(UserError, match=f"{first} and {second}|{second} and {first}"):
         open_recording(folder, OPTIONS)

@@ -56,7 +56,6 @@ def start(points):
 
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
 def test_the_gradient_of_a_pose_is_that_of_finite_differences(points, camera_to_world, backend):
-    """Protects the gradient of each of the six numbers, through both backends of a CPU."""
     # At depths far apart, so that no step changes the order in which Gaussians are composited.
     xyz = points[0][:5] * np.linspace(0.5, 1.5, 5)[:, None]
     few = from_points(xyz, points[1][:5], sh_degree=0, feature_channels=0, max_points=9, seed=0)
@@ -81,14 +80,12 @@ def test_the_gradient_of_a_pose_is_that_of_finite_differences(points, camera_to_
 
 
 def test_a_correction_of_zero_is_the_pose_itself(camera_to_world):
-    """Protects the bits of poses without a correction, as they are written for frames that were not trained on."""
     pose = make_pose(Rotation.from_rotvec([0.3, 1.0, -0.2]).as_matrix(), np.array([1.0, 2.0, 3.0]))
     same = corrected(torch.from_numpy(pose), torch.zeros(6, dtype=torch.float64))
     np.testing.assert_array_equal(same.numpy(), pose)
 
 
 def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_world, tmp_path):
-    """Protects the purpose: on the training frames the errors shrink, on a held-out frame the render gets better."""
     rng = np.random.default_rng(5)
     error = torch.zeros(9, COLUMNS, dtype=torch.float64)
     error[:, :2] = torch.from_numpy(rng.normal(scale=0.03, size=(9, 2)))
@@ -125,7 +122,6 @@ def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_worl
     ],
 )
 def test_each_key_changes_its_own_columns(start, pictures, camera_to_world, tmp_path, options, columns):
-    """Protects the independence of the two keys, and the gauge: neither cameras nor exposure drift as a whole."""
     sets = view_sets(pictures, camera_to_world)
     assert make_corrections(OFF, start, sets.training, 0.1, 60) is None
     corrections = make_corrections(options, start, sets.training, 0.1, 60)
@@ -139,7 +135,6 @@ def test_each_key_changes_its_own_columns(start, pictures, camera_to_world, tmp_
 
 
 def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world, tmp_path):
-    """Protects the checkpoint: values, steps and moments."""
     sets = view_sets(pictures, camera_to_world)
     options = replace(OPTIONS, evaluate_every=20)
 
@@ -161,7 +156,6 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
 
 
 def test_highlights_gain_less(start, camera_to_world, pictures):
-    """Protects windows: a tone curve compresses highlights, so that one gain does not fit the dark and the bright."""
     ramp = torch.linspace(0.05, 1.0, 64).reshape(8, 8, 1).expand(8, 8, 3)
     truth = torch.tensor([0.4])
     gains = torch.tensor([0.3, -0.3])[:, None].expand(2, 3)
@@ -181,7 +175,6 @@ def test_highlights_gain_less(start, camera_to_world, pictures):
 
 
 def test_a_saturated_color_asks_for_no_less_light():
-    """Protects windows: their photographs are white at any exposure."""
     picture = torch.tensor([1.0, 0.99, 0.5]).expand(2, 2, 3)
     for value, expected in ((0.4, [0.8, 0.8, 0.8]), (0.8, [1.0, 0.99, 1.6])):
         image = torch.full((2, 2, 5), value, requires_grad=True)
@@ -221,14 +214,12 @@ def test_gradients_of_the_exposure_are_those_of_its_formula(features):
 
 
 def test_gains_are_measured_where_nothing_is_saturated(start, camera_to_world, pictures):
-    """Protects held-out frames of a window: their gain is that of the rest of the room."""
     views = view_sets(pictures, camera_to_world).training
     none, picture = torch.zeros(COLUMNS, dtype=torch.float64), views.picture(0)
     assert torch.equal(fitting.with_best_gain(none, picture, torch.ones_like(picture), None), none)
 
 
 def test_corrections_are_interpolated_only_where_they_change_slowly(start, pictures, camera_to_world):
-    """Protects the first guess for frames outside the training: neighbors of a trajectory, nothing of single photographs."""
     known, views = np.array([0, 1, 2, 4, 5, 6, 7, 8]), views_of(pictures, camera_to_world, *range(8))
     corrections = make_corrections(BOTH, start, replace(views, frame=known), 0.1, 60)
     slow, fast = np.sin(known / 3.0)[:, None], np.where(known % 2, 1.0, -1.0)[:, None]
@@ -243,7 +234,6 @@ def test_corrections_are_interpolated_only_where_they_change_slowly(start, pictu
 
 @pytest.mark.parametrize("found, expected", [(None, "off"), (False, "off"), (True, "on")])
 def test_auto_follows_the_survey_that_is_given(monkeypatch, tmp_path, found, expected):
-    """Protects commands by hand; the workflow never passes auto."""
     document = {"camera": {"refine_poses": found, "compensate_exposure": not found}}
     monkeypatch.setattr("egosplat.gaussians.corrections.read_survey", lambda path: document)
     options = CameraOptions(refine_poses="auto", compensate_exposure="off")

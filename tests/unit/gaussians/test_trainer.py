@@ -110,7 +110,6 @@ def test_options_scale_the_schedule():
 
 
 def test_options_reach_density_control(trained):
-    """Opacities are lowered where density control begins, and not otherwise."""
     short = {"iterations": 5, "evaluate_every": 5}
     begins = replace(OPTIONS, **short).schedule.densify_from
     assert 0 < begins <= 5

@@ -57,7 +57,6 @@ def test_the_weight_is_the_lens_circle(scene):
 
 @pytest.mark.parametrize("kept", [0, 2, 5])
 def test_rows_are_equal_whether_they_are_held_or_read(monkeypatch, kept):
-    """Only rows beyond the limit are read again."""
     array = np.random.default_rng(0).integers(256, size=(5, 4, 3), dtype=np.uint8)
     monkeypatch.setattr(module, "IN_MEMORY", kept * 12)
     asked: list[int] = []

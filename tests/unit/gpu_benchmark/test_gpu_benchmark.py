@@ -22,7 +22,6 @@ pytestmark = pytest.mark.slow
 
 
 def test_agreement_is_measured_on_the_device(gpu, monkeypatch):
-    """A benchmark that fails on the first GPU would cost its time."""
     monkeypatch.setattr(agreement, "SCENES", {"large": (0.2, 0.5)})
     rows = list(agreement.differences(DEVICE))
     assert len(rows) == 4 and gpu.waits
@@ -39,7 +38,6 @@ def like_gsplat(packed, **arguments):
 
 
 def test_both_trainers_run_on_the_device(scene, gpu, monkeypatch):
-    """gsplat's own density control, with the double of its rasterizer."""
     for module in (splats, training):
         monkeypatch.setattr(module, "training_device", lambda backend: DEVICE)
     folder = scene()
@@ -83,7 +81,6 @@ def test_the_time_to_a_psnr_is_that_of_the_first_evaluation_that_reaches_it():
 
 
 def test_the_main_job_is_asked_for_at_both_sizes_and_on_the_cpu(tmp_path):
-    """A dry run of the real workflow: one recording, and frames at two sizes."""
     main_job.write_configuration(tmp_path)
     wanted = [str(main_job.metrics_of(name)) for name in main_job.RUNS]
     words = ["--snakefile", str(ROOT / "workflow/Snakefile"), "--cores", "2", "--dry-run", "--quiet", "host"]
@@ -103,7 +100,6 @@ def test_the_main_job_is_asked_for_at_both_sizes_and_on_the_cpu(tmp_path):
 
 
 def test_training_starts_from_so_many_copies():
-    """Copies lie around their Gaussian, and cover about as much as it does."""
     few = blobs([[0, 0, 2], [5, 0, 2]], [0.9, 0.9], size=0.1)
     many = paper_memory.copies(few, 800)
     assert many.count == 800 and bool(many.finite().all())
@@ -112,7 +108,6 @@ def test_training_starts_from_so_many_copies():
 
 
 def test_the_tables_of_the_main_job_have_every_stage(finished, monkeypatch):
-    """Costs and scores are those of metrics.json."""
     (name, changed), *_ = main_job.RUNS.items()
     monkeypatch.setattr(main_job, "RUNS", {name: changed})
     page = main_job.report(finished.folder)
@@ -127,7 +122,6 @@ def test_the_tables_of_the_main_job_have_every_stage(finished, monkeypatch):
 
 
 def test_a_failed_job_ends_the_benchmark(tmp_path, monkeypatch):
-    """The tables of a run that failed would be those of another."""
     monkeypatch.setattr(main_job, "RECORDED", {"synthetic": {"size": "large"}})
     with pytest.raises(UserError, match="main job failed"):
         main_job.run(tmp_path)

@@ -46,7 +46,6 @@ def test_each_square_is_one_instance_in_every_frame(scene, truth):
 
 
 def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
-    """Protects the poses behind lifted masks and rendered labels: those that the temporary Gaussians were trained with."""
     seen, train, folder = [], stage.train_geometry, scene()
     monkeypatch.setattr(stage, "train_geometry", lambda *all_: seen.append(train(*all_)) or seen[-1])
     given = verify(folder / "poses.zarr", SCHEMAS).read("camera_to_world")

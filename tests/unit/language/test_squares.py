@@ -233,7 +233,6 @@ def test_methods_from_tiles_say_which_frame_lacks_them(scene, checkpoint):
 
 @pytest.mark.parametrize("method", LONG)
 def test_a_view_that_shows_nothing_does_not_end_training(scene, checkpoint, method):
-    """No valid pixel, and no Gaussian before the camera."""
     away = scene.views.camera_to_world.copy()
     away[1, 2, 3] = 50.0
     for change in ({"camera_to_world": away}, {"camera_to_world": away, "valid": torch.zeros(SIZE, SIZE)}):

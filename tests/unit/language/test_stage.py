@@ -62,7 +62,6 @@ def test_artifact_holds_the_expected_facts_and_inputs(trained):
 
 @pytest.mark.parametrize("language", ["after", "joint"])
 def test_codes_are_lifted_with_the_poses_that_training_refined(trained, monkeypatch, language):
-    """Protects the poses behind codes, and corrections in joint training."""
     used: list[CodeViews] = []
     watched = lambda lift: lambda views, *others: used.append(views) or lift(views, *others)
     monkeypatch.setattr(dominant, "METHOD", Method(watched(dominant.lift_instances)))

@@ -57,7 +57,6 @@ def test_the_small_models_are_there(folder, server):
 
 
 def test_missing_models_come_with_place_license_size_and_digest(folder, server):
-    """Listing fetches nothing; its last line is the command that does."""
     listed = egosplat("--config", "models.set=published", "--config", "models.cache=cache")
     for key in model_sets.LIBRARIES:
         assert f"{key}: " in listed
@@ -95,7 +94,6 @@ def test_a_file_in_the_users_own_cache_is_not_fetched_again(folder, server):
 
 
 def test_a_file_with_another_digest_is_not_kept(folder, server):
-    """Neither under its name nor in the cache."""
     server.content = b"another"
     with pytest.raises(UserError, match=f"has SHA-256 .*published is {SHA256}"):
         egosplat("download", "ViT-B-16")

@@ -79,7 +79,6 @@ def with_two_blocks(*arguments: str) -> OpenClip:
 
 @pytest.mark.parametrize("architecture", SAM2)
 def test_sam2_segments_and_tracks(cache, tmp_path, architecture, monkeypatch):
-    """The whole stage: prompts, masks, memory, both directions, merging."""
     saved(cache, architecture)
     monkeypatch.setitem(MASK_FILTERS, "published", EVERY_MASK)
     # The smallest runs each way; the rest of the code is the same for all, and slow where a processor has no bfloat16.

@@ -36,7 +36,6 @@ def test_a_value_loads_a_module_with_what_the_stage_takes(stage, value):
 
 @pytest.mark.parametrize("stage, value", EVERY)
 def test_no_import_leads_to_the_modules_of_other_values(stage, value):
-    """Protects that a constant of one method or format makes no scene stale that uses another."""
     others = {*CHOICES[stage].values()} - {CHOICES[stage][value]}
     reached = {*modules_of(STAGES[stage].module, CHOICES[stage][value])}
     # Splat Feature Solver scales its codes as LangSplat does, and benchmarks are read as plain pictures are.

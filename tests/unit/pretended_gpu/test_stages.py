@@ -168,7 +168,6 @@ def test_language(scene, gpu, monkeypatch, method):
 
 
 def test_segments(sam2, gpu, monkeypatch):
-    """Prompts, tracking in both directions, and label maps."""
     rng = np.random.default_rng(0)
     images = np.repeat(np.repeat(rng.integers(0, 255, (FRAMES, 5, 7, 3), dtype=np.uint8), 8, 1), 8, 2)
     predictor = sam2.video_predictor.to(DEVICE)

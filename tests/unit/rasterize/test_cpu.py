@@ -76,10 +76,7 @@ def assert_agree(values: dict[str, Tensor], tolerance: float = 1e-5, **options: 
 @pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize(
     "options",
-    [
-        {"sh_degree": 3},
-        {"sh_degree": 2, "render_mode": "RGB+ED", "rasterize_mode": "antialiased"},
-    ],
+    [{"sh_degree": 3}, {"sh_degree": 2, "render_mode": "RGB+ED", "rasterize_mode": "antialiased"}],
     ids=["classic", "antialiased with depth"],
 )
 def test_cpu_kernels_agree_with_float64(seed, options):

@@ -96,7 +96,6 @@ def test_the_maps_are_those_that_were_scored(word_scene):
 
 
 def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
-    """Protects the pictures beside scores: those of the scene without what rests would be others."""
     folder = word_scene()
     for in_time in (False, True):
         assert open_scored(folder, MetricsOptions(), in_time=in_time).rests is None

@@ -105,7 +105,6 @@ def test_frames_chosen_when_much_or_nothing_moves(masked, expected):
 
 
 def test_the_largest_of_what_moves_are_named(tmp_path, draw, drawn):
-    """In each frame with masked pixels; what stays has no name."""
     draw("transient_sheet", scene(tmp_path, 3, 9, 6))
     named = [[text.get_text() for text in axes.texts] for axes in drawn[0].get_axes()]
     assert [len(names) for names in named if names] == [LABELS] * 2

@@ -56,7 +56,6 @@ def words(stage: str, job: Job) -> dict[str, str]:
 
 
 def test_a_run_without_a_target_takes_scenes_whose_recording_exists_or_can_be_made(scenes):
-    """Protects ``snakemake`` without a target from recordings that nobody requested."""
     assert [scene.name for scene in default_scenes(scenes.values())] == ["adt/one", "mine/here"]
     results = default_results(scenes["adt", "one"])
     assert "results/adt/one/metrics.json" in results and not [path for path in results if "variants" in path]
@@ -73,7 +72,6 @@ def test_a_run_without_a_target_takes_scenes_whose_recording_exists_or_can_be_ma
     ],
 )
 def test_a_survey_that_finds_motion_adds_what_it_decides(scenes, monkeypatch, keys, moving, pages):
-    """Protects ``snakemake`` without a target: each page is in one of the two lists of results."""
     scene = replace(scenes["mine", "here"], config=merge(CONFIG, keys))
     job = Job(scene)
     monkeypatch.setattr(Job, "survey", survey(moving))

@@ -84,7 +84,6 @@ def test_wrong_names_and_keys_are_named_and_write_nothing(put, tmp_path, name, o
 
 
 def test_a_wrong_row_of_another_scene_is_left_alone(put, tmp_path):
-    """A key that was valid once keeps nobody from a new scene."""
     put()
     path = tmp_path / "config/scenes.local.tsv"
     path.write_text(path.read_text() + "mine\told\tplain\tx.mp4\tframes.gone=1\n")

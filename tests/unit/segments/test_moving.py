@@ -192,7 +192,6 @@ def scene(tmp_path):
 
 
 def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_path):
-    """Protects the artifact: the small SAM2 prompts frame 0 alone, and follows the red square through all frames."""
     output = tmp_path / "segments.zarr"
     keys = {"key_frame_stride": 4, "threshold": 0.6, "min_frames": 2, "points_per_side": 8}
     stage.run(scene[0], output, SegmentsOptions(**keys), transient_path=scene[1])
@@ -227,7 +226,6 @@ def test_jobs_of_chunks_give_the_same_artifact(scene, tmp_path, monkeypatch):
 
 
 def test_without_the_transient_network_nothing_is_tracked(scene, tmp_path):
-    """Protects the values of track_moving by hand."""
     always = SegmentsOptions(track_moving="always")
     with pytest.raises(UserError, match=r"segments\.track_moving = always .* --transient"):
         stage.run(scene[0], tmp_path / "none.zarr", always)

@@ -114,7 +114,6 @@ def test_training_without_poses_is_an_error(scene):
 
 
 def test_corrections_are_written_beside_the_scores_without(scene, camera_to_world, pictures):
-    """Protects the protocol of held-out frames: fitted to the Gaussians, scored with and without, and no leak."""
     wrong = camera_to_world.copy()
     wrong[:, 0, 3] += np.where(np.arange(9) % 2, 0.05, -0.05)
     keys = {"refine_poses": "on", "compensate_exposure": "on", "iterations": 200}

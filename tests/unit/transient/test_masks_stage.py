@@ -109,7 +109,6 @@ def test_an_instance_that_looks_static_is_not_masked(scene, rows, stands_out, ch
 
 
 def test_a_pixel_that_the_network_calls_static_is_not_masked(scene):
-    """Frame 0 shows the transient instance where the network sees nothing move."""
     folder = scene()
     made = labels_of(folder) == 0
     probability = np.where(made, 0.5, 0.0)

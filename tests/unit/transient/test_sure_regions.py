@@ -100,7 +100,6 @@ def test_a_region_is_large_and_stands_out(scene, side, standing, expected):
 
 @pytest.mark.parametrize(("masks", "standing", "expected"), [(3, 0.7, False), (2, 0.7, True), (3, 0.9, True)])
 def test_an_instance_that_holds_in_3d_explains_a_region(scene, masks, standing, expected):
-    """The wall covers all of every picture; the network is sure of a part of it."""
     wall = np.ones((FRAME_COUNT, SIZE, SIZE), bool)
     stands_out = np.broadcast_to(np.arange(SIZE) < 8 + 10 * standing, wall.shape)
     made = instances(wall, moving=False, masks=masks)

@@ -120,7 +120,6 @@ def test_a_page_escapes_its_title_and_asks_for_nothing_outside_of_itself(page_sc
 
 @pytest.mark.parametrize("spans", [(), ((0, 1), (2, 4), (1, 1))])
 def test_rests_follow_what_stays(tmp_path, page_scene, spans):
-    """Protects queries on the page, which know the first Gaussians alone, and the times of the others."""
     folder = shutil.copytree(page_scene, tmp_path / "scene")
     before = contents_of(folder / "scene.html")
     own = put_histories(folder, spans)

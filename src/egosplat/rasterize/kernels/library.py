@@ -49,11 +49,8 @@ _TYPES = {
 
 @functools.cache
 def function(name: str, arguments: str, result: str = "") -> Any:
-    """Get a function of the library by its name, codes of its arguments' types and of its result's.
-
-    Raises:
-        UserError: no library is usable, see ``load``.
-    """
+    """Get a function of the library by its name, codes of its arguments' types and of its result's
+    (UserError: no library is usable, see ``load``)."""
     found = getattr(load(), f"egosplat_{name}")
     found.argtypes = [_TYPES[code] for code in arguments]
     found.restype = _TYPES[result] if result else None
@@ -104,11 +101,8 @@ def cpu_features(cpuinfo: Path = Path("/proc/cpuinfo")) -> frozenset[str]:
 
 
 def choose(folder: Path, features: frozenset[str], wanted: str | None) -> Variant:
-    """Choose the best variant with a library in ``folder`` for a processor with ``features``, or the one ``wanted`` by name.
-
-    Raises:
-        UserError: there is none.
-    """
+    """Choose the best variant with a library in ``folder`` for a processor with ``features``, or the one
+    ``wanted`` by name (UserError: there is none)."""
     if wanted is not None:
         return _named_variant(folder, features, wanted)
     compiled = [variant for variant in VARIANTS if (folder / variant.file).is_file()]
@@ -124,12 +118,8 @@ def choose(folder: Path, features: frozenset[str], wanted: str | None) -> Varian
 
 
 def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
-    """Load one variant's library from ``folder``; it must be compiled from ``folder / "source"``.
-
-    Raises:
-        UserError: it cannot be loaded, or was compiled from other sources.
-        OSError: the system is out of memory.
-    """
+    """Load one variant's library from ``folder``; it must be compiled from ``folder / "source"`` (UserError:
+    it cannot be loaded, or was compiled from other sources; OSError: the system is out of memory)."""
     path = folder / variant.file
 
     def unloadable(error: Exception) -> UserError:

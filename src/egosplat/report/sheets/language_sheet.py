@@ -66,14 +66,10 @@ def code_colors(code: NDArray[np.float32], share: NDArray[np.float32]) -> NDArra
 
     They are not clipped: 0.5 is the mean of all codes, and the color of a mean of codes is the mean of their colors.
     """
-    total, first, second = np.finfo(float).tiny, np.zeros(code.shape[2]), np.zeros((code.shape[2],) * 2)
-    for level in range(code.shape[1]):
-        values, weight = code[:, level].astype(np.float64), share[:, level].astype(np.float64)
-        total += weight.sum()
-        first += weight @ values
-        second += (values * weight[:, None]).T @ values
-    mean = first / total
-    variance, vectors = np.linalg.eigh(second / total - np.outer(mean, mean))
+    values, weight = code.reshape(-1, code.shape[2]).astype(np.float64), share.ravel().astype(np.float64)
+    weight /= max(weight.sum(), np.finfo(float).tiny)
+    mean = weight @ values
+    variance, vectors = np.linalg.eigh(((values - mean) * weight[:, None]).T @ (values - mean))
     colors = np.full((*share.shape, 3), 0.5, np.float32)
     for channel, (value, vector) in enumerate(zip(variance[:-4:-1], vectors.T[::-1], strict=False)):
         if value > 1e-9 * max(variance[-1], 1e-9):

@@ -24,8 +24,8 @@ from egosplat.report.sheets.sheet import sheet, tint
 # Maximum number of frames, and of those with masked pixels.
 PICTURES, MOVING = 5, 4
 
-# Maximum number of bars with a name: more names would overlap. Maximum number of named instances in a frame, the largest first.
-NAMED_BARS, LABELS = 80, 4
+# Maximum number of named instances in a frame, the largest first.
+LABELS = 4
 
 # Width of an image, and height of the chart [inches].
 CELL, CHART = 2.9, 2.6
@@ -71,7 +71,7 @@ def run(
         bar = above.colorbar(heat, ax=grid[1].tolist(), pad=0.01, label="transient probability")
         assert bar.solids is not None
         bar.solids.set_alpha(1.0)
-    _draw_scores(below.subplots(), masks, instances)
+    _draw_scores(below.subplots(), masks)
     facts, masking = masks.facts, splats.provenance["options"]["masking"]
     trained_on = {
         "none": "all pixels",
@@ -113,11 +113,11 @@ def _draw_mask(
         add_name(axes, *inner_point((labels == instance).any(axis=0)), name)
 
 
-def _draw_scores(axes: Axes, masks: Artifact, instances: Artifact) -> None:
+def _draw_scores(axes: Axes, masks: Artifact) -> None:
     """Draw the scores of all instances, sorted, and the threshold."""
     scores, moves = masks.read("instances/score"), masks.read("instances/transient")
     threshold, order = masks.facts["threshold"], np.argsort(-scores, kind="stable")
-    named, above = len(order) <= NAMED_BARS, scores >= threshold
+    above = scores >= threshold
     groups = {
         "transient": (moves, MASKED),
         "at a level that is not used": (~moves & above, OTHER_LEVEL),
@@ -126,17 +126,15 @@ def _draw_scores(axes: Axes, masks: Artifact, instances: Artifact) -> None:
     for label, (chosen, color) in groups.items():
         bars = np.flatnonzero(chosen[order])
         # Antialiasing would draw seams between many narrow bars.
-        width = 0.8 if named else 1.0
         if len(bars):
-            axes.bar(bars, scores[order[bars]], width, antialiased=False, color=color, label=label)
+            axes.bar(bars, scores[order[bars]], 1.0, antialiased=False, color=color, label=label)
     axes.axhline(threshold, color="black", linestyle="--", linewidth=1.2, label=f"threshold {threshold:g}")
-    if named:
-        names = np.array(instances.facts["levels"])[instances.read("instances/level")[order]]
-        ticks = [f"{instance} {name}" for instance, name in zip(order, names, strict=True)]
-        axes.set_xticks(range(len(order)), ticks, rotation=90, fontsize=6)
-    else:
-        axes.set_xlabel("instances, sorted by score")
     title = "score: mean transient probability over all pixels of an instance in the training frames"
     axes.set_title(title, fontsize=10)
-    axes.set(ylabel="score", ylim=(0, 1), xlim=(-0.8, max(len(order), 10) - 0.2))
+    axes.set(
+        xlabel="instances, sorted by score",
+        ylabel="score",
+        ylim=(0, 1),
+        xlim=(-0.8, max(len(order), 10) - 0.2),
+    )
     axes.legend(loc="upper right", fontsize=8)

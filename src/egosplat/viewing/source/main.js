@@ -225,10 +225,11 @@ class Page {
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
     this.mark = best ? { point: best.center, text: this.markOf(phrase, best) } : null;
-    this.tellHistory(phrase, historyOf(this.scene, vector));
+    this.tellHistory(phrase, historyOf(this.scene, vector), judged.moving?.spans.map(([from, until]) => ({ from, until })));
     this.show({ relevancy, level: level ?? this.showing.level, instances: false });
     // What moves is masked: a carried thing is found nowhere, and yet known.
-    return this.tell(phrase, { ...judged, why: judged.why && this.history ? "carried about: not found among what stays" : judged.why });
+    const carried = judged.why && this.history && !judged.moving;
+    return this.tell(phrase, { ...judged, why: carried ? "carried about: not found among what stays" : judged.why });
   }
 
   score(score) {
@@ -247,11 +248,12 @@ class Page {
 
   tell(phrase, answer) {
     const number = answer.things?.length ?? 0, measure = this.scene.facts.query.calibration ? "probability" : "score";
-    const rating = answer.rating === undefined ? "" : ` (${measure} ${this.rating(answer.rating)})`;
+    const rated = answer.moving ? answer.moving.rating : answer.rating, rating = rated == null ? "" : ` (${measure} ${this.rating(rated)})`;
     this.told = `"${shortened(phrase)}": ${answer.why ? answer.why + rating : number > 1 ? `${answer.grade}, ${number} of them` : answer.grade}`;
     this.sought = number ? answer.things[0].center : null;
     this.sayAnswer();
-    $("things").replaceChildren(...(answer.things ?? []).map((thing) => this.thingItem(thing, phrase)));
+    const items = answer.moving ? [this.movingItem(answer.moving)] : (answer.things ?? []).map((thing) => this.thingItem(thing, phrase));
+    $("things").replaceChildren(...items);
     return { phrase, ...answer };
   }
 
@@ -261,12 +263,13 @@ class Page {
     if ($("answer").textContent !== this.told + outside) $("answer").textContent = this.told + outside;
   }
 
-  // The carries of the answer, in a list and on the time line; the ring goes to where the thing was.
-  tellHistory(phrase, history) {
+  // The carries of the answer, in a list and on the time line, where without any the times are in which it moves; the ring goes to
+  // where the thing was.
+  tellHistory(phrase, history, moving = []) {
     const { seconds } = this.scene.facts, [first, last] = [seconds[0], seconds[seconds.length - 1]];
     this.history = history.length ? { phrase, history } : null;
     const share = (second) => `${(100 * (second - first)) / Math.max(last - first, 1e-9)}%`;
-    $("carried").replaceChildren(...history.map(({ from, until }) => {
+    $("carried").replaceChildren(...(history.length ? history : moving).map(({ from, until }) => {
       const bar = element("i", "");
       bar.style.left = share(from);
       bar.style.width = `calc(${share(first + until - from)} + 3px)`;
@@ -305,6 +308,14 @@ class Page {
     button.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
     button.onclick = () => this.jump(thing, phrase);
     const item = element("li", "");
+    item.append(button);
+    return item;
+  }
+
+  // To the frame that shows most of what moves.
+  movingItem({ frame }) {
+    const button = element("button", `\u2192 Go to frame ${frame}`, { type: "button" }), item = element("li", "");
+    button.onclick = () => (this.stop(), this.showFrame(Math.max(0, this.scene.facts.frames.findIndex((one) => one >= frame))));
     item.append(button);
     return item;
   }
