@@ -14,7 +14,7 @@ DEVELOPED := .venv/.developed
 KERNELS := src/egosplat/rasterize/kernels
 RAYS := src/egosplat_apartments/rays
 COMPILED := $(KERNELS)/libegosplat_generic.so
-PAGES := contact_sheet.png instances.png crops.png splats.png language.png queries.png scene.html story.html
+PAGES := contact_sheet.png instances.png crops.png splats.png transient.png carries.png language.png queries.png scene.html story.html
 
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
@@ -65,7 +65,7 @@ $(COMPILED): $(INSTALLED) pyproject.toml setup.py compiling.py $(KERNELS)/target
 
 demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/metrics.json $(addprefix results/adt/scene1/,$(PAGES))
-	$(BIN)/egosplat query results/adt/scene1 "desk lamp" television elephant
+	$(BIN)/egosplat query results/adt/scene1 couch television elephant
 	@echo
 	@echo "Done. Pictures of each step are in results/adt/scene1: $(PAGES) query.png"
 	@echo "Next, after  source $(BIN)/activate"
