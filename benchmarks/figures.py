@@ -8,7 +8,7 @@ import pandas as pd
 from benchmarks.common import markdown
 from benchmarks.presence.__main__ import fitted
 from benchmarks.rows import Rows
-from benchmarks.scores import mcnemar
+from benchmarks.scores import format_difference
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
 from egosplat.evaluation.scores import CHANCE
@@ -32,13 +32,11 @@ def by_scene(rows: pd.DataFrame, column: str, group_by: str = "category") -> lis
     ]
 
 
-def figure(
-    scenes: list[Clusters], scale: float, form: str, unit: str, least: float = 0.0, most: float = 1.0
-) -> str:
+def figure(scenes: list[Clusters], scale: float, form: str, unit: str, most: float = 1.0) -> str:
     """The mean over scenes with its interval, such as ``77 % (68 to 85)``; - for nothing."""
     if not scenes:
         return "-"
-    interval = clustered_interval(scenes, RESAMPLING, least=least, most=most)
+    interval = clustered_interval(scenes, RESAMPLING, most=most)
     bounds = "" if interval is None else f" ({scale * interval.low:{form}} to {scale * interval.high:{form}})"
     return f"{scale * mean_of_scenes(scenes):{form}}{unit}{bounds}"
 
@@ -50,14 +48,8 @@ def score(rows: Rows, setting: str, name: str, group: str = "all") -> str:
 
 
 def difference(rows: Rows, one: str, other: str, name: str, group: str = "all") -> str:
-    """Mean difference of two settings on the same queries, in points, with its interval; accuracy also with McNemar's p."""
-    column = SCORES[name][0]
-    paired = pair(rows, one, other, column, group)
-    told = figure(by_scene(paired, "difference"), 100, "+.1f", "", least=-1.0)
-    if name != "accuracy":
-        return told
-    p = mcnemar(int((paired["difference"] > 0).sum()), int((paired["difference"] < 0).sum()))
-    return f"{told}, {'p < 0.001' if p < 0.001 else f'p = {p:.2g}'}"
+    """Mean difference of two settings on the same queries, see ``format_difference``."""
+    return format_difference(by_scene(pair(rows, one, other, SCORES[name][0], group), "difference"))
 
 
 def pair(rows: Rows, one: str, other: str, column: str, group: str = "all") -> pd.DataFrame:

@@ -26,6 +26,9 @@ LEDGER = ROOT / "benchmarks" / "ledger"
 
 ABOUT, TEXTS = "about.json", "texts.tsv"
 
+# Source of the rows of all texts from the last change of scores on.
+POOL = "ledger"
+
 EVIDENCE = tuple(Evidence.__dataclass_fields__)
 
 # Columns of each table after scene and setting.
@@ -140,11 +143,7 @@ def collect(name: str, found: Mapping[str, list[ScoredScene]], **about: Any) -> 
 
 
 def write_rows(folder: Path, rows: Rows) -> None:
-    """Write a new folder of rows.
-
-    Raises:
-        UserError: it is there; rows are never replaced.
-    """
+    """Write a new folder of rows (UserError: it is there; rows are never replaced)."""
     if folder.exists():
         raise UserError(f"{folder}: is there; rows are not replaced. Move it away, or name another folder")
     made = folder.with_name(f".{folder.name}.tmp")
@@ -157,11 +156,7 @@ def write_rows(folder: Path, rows: Rows) -> None:
 
 
 def read_rows(folder: Path) -> Rows:
-    """Read a folder of rows.
-
-    Raises:
-        UserError: there is none, or a table is not the one that was written.
-    """
+    """Read a folder of rows (UserError: there is none, or a table is not the one that was written)."""
     if not (folder / ABOUT).is_file():
         raise UserError(f"{folder}: has no rows ({ABOUT})")
     about = json.loads((folder / ABOUT).read_text())
@@ -181,12 +176,23 @@ def read_texts() -> pd.DataFrame:
     return texts.assign(ran=[(LEDGER / text / ABOUT).is_file() for text in texts["text"]])
 
 
-def read_source(name: str) -> Rows:
-    """Read rows by their short name: a text of the ledger, or a topic of benchmarks.
+def read_pool() -> Rows:
+    """The rows of all texts from the last change of scores on that has some; a setting has those of the texts that ran it."""
+    texts = read_texts()
+    versions = texts["scores"].eq("changed").cumsum()
+    latest = texts["text"][texts["ran"] & (versions == versions[texts["ran"]].max())]
+    read = [read_rows(LEDGER / text) for text in latest]
+    about = {
+        key: sorted({one for rows in read for one in rows.about[key]}) for key in ("commits", "machines")
+    }
+    tables = {name: pd.concat([rows.tables[name] for rows in read], ignore_index=True) for name in COLUMNS}
+    return Rows({"name": f"{POOL}, {' and '.join(latest)}", "date": read[-1].about["date"], **about}, tables)
 
-    Raises:
-        UserError: see ``read_rows``.
-    """
+
+def read_source(name: str) -> Rows:
+    """Read rows by their short name: a text of the ledger, ``POOL``, or a topic of benchmarks (UserError: see ``read_rows``)."""
+    if name == POOL:
+        return read_pool()
     own = LEDGER / name
     return read_rows(own if own.exists() else ROOT / "benchmarks" / name / "rows")
 

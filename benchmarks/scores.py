@@ -1,12 +1,10 @@
 """Scores of finished scenes as text, and paired comparisons of two answers to the same queries."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-
-from scipy import stats
+from typing import NamedTuple
 
 from egosplat.errors import UserError
-from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
+from egosplat.evaluation.intervals import Clusters, Interval, cluster, paired_difference
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import Cell, ScoredScene
 from egosplat_rivals.tables.paper_tables import average
@@ -16,8 +14,8 @@ SCORES = (("accuracy", "all"), ("accuracy", "static"), ("accuracy", "dynamic"), 
 
 # How intervals and p values are computed, for the first lines of a page.
 METHOD = (
-    "95 % intervals over categories (bootstrap; with several scenes, over scenes and categories), because the queries of a "
-    "category show one thing in several frames. p is from McNemar's exact test, which assumes independent queries."
+    "Scores have 95 % intervals of a bootstrap over categories and scenes. Differences have p, and the 95 % interval that agrees with "
+    "it, from sign flips of each scene's categories; for other scenes, a t interval of the scenes' means where it is wider."
 )
 
 
@@ -56,20 +54,11 @@ def seconds(scene: ScoredScene) -> float:
     return sum(one["cpu_s"] for one in (*artifacts.values(), scene.document["provenance"]))
 
 
-@dataclass(frozen=True, eq=False)
-class Paired:
-    """Differences between two answers to the same queries of one scene.
-
-    Attributes:
-        hits: hit of the first minus hit of the second (-1, 0 or 1), by category.
-        ious: IoU of the first minus IoU of the second, by category.
-        gained, lost: number of queries that only the first found, and that only the second found.
-    """
+class Paired(NamedTuple):
+    """Hits and IoUs of an answer to the queries of a scene, less those of another, by category."""
 
     hits: Clusters
     ious: Clusters
-    gained: int
-    lost: int
 
 
 def differences(results: Sequence[tuple[str, tuple[int, float], tuple[int, float]]]) -> Paired:
@@ -77,7 +66,7 @@ def differences(results: Sequence[tuple[str, tuple[int, float], tuple[int, float
     categories = [category for category, _, _ in results]
     hits = [one[0] - other[0] for _, one, other in results]
     ious = [one[1] - other[1] for _, one, other in results]
-    return Paired(cluster(hits, categories), cluster(ious, categories), hits.count(1), hits.count(-1))
+    return Paired(cluster(hits, categories), cluster(ious, categories))
 
 
 def pair_answers(one: ScoredScene, other: ScoredScene) -> Paired:
@@ -91,30 +80,34 @@ def queries_of(pairs: Sequence[Paired]) -> int:
     return int(sum(one.hits.counts.sum() for one in pairs))
 
 
-def mcnemar(gained: int, lost: int) -> float:
-    """Exact two-sided p of as uneven a split of the queries that one of two answerers finds alone (McNemar 1947).
-
-    It assumes independent queries; ``clustered_interval`` gives the interval over categories.
-    """
-    return float(stats.binomtest(gained, gained + lost).pvalue) if gained + lost else 1.0
-
-
 def accuracy_difference(pairs: Sequence[Paired]) -> str:
-    """Mean accuracy difference over scenes in percentage points, with its interval and McNemar's p."""
-    p = mcnemar(sum(one.gained for one in pairs), sum(one.lost for one in pairs))
-    return f"{_difference([one.hits for one in pairs])}, {'p < 0.001' if p < 0.001 else f'p = {p:.2g}'}"
+    """Mean accuracy difference over scenes, see ``format_difference``."""
+    return format_difference([one.hits for one in pairs])
 
 
 def iou_difference(pairs: Sequence[Paired]) -> str:
-    """Mean mIoU difference over scenes in percentage points, with its interval."""
-    return _difference([one.ious for one in pairs])
+    """Mean mIoU difference over scenes, see ``format_difference``."""
+    return format_difference([one.ious for one in pairs])
 
 
-def _difference(scenes: Sequence[Clusters]) -> str:
-    interval = clustered_interval(scenes, RESAMPLING, least=-1.0, most=1.0)
-    if interval is None:
-        return f"{100 * mean_of_scenes(scenes):+.1f} (fewer than two categories)"
-    return f"{100 * mean_of_scenes(scenes):+.1f} ({100 * interval.low:+.1f} to {100 * interval.high:+.1f})"
+def format_difference(scenes: Sequence[Clusters]) -> str:
+    """A ``paired_difference`` in points, such as ``+3.1 (-2.0 to +8.2), p = 0.24``; - for nothing."""
+    if not scenes:
+        return "-"
+    mean, interval, p, over_scenes = paired_difference(scenes)
+    # Three digits where two would put p on the other side of the interval's limit.
+    told = f"{p:.2g}" if (p < 0.05) == (float(f"{p:.2g}") < 0.05) else f"{p:.3g}"
+    beside = f"; t over apartments: {_bounds(over_scenes)}" if over_scenes else ""
+    return f"{_points(mean)} ({_bounds(interval)}), {'p < 0.001' if p < 0.001 else f'p = {told}'}{beside}"
+
+
+def _bounds(interval: Interval) -> str:
+    return f"{_points(interval.low)} to {_points(interval.high)}"
+
+
+def _points(difference: float) -> str:
+    """Only zero itself has no sign."""
+    return f"{100 * difference:+.1f}" if difference else "0.0"
 
 
 def _answers(scene: ScoredScene) -> dict[tuple[int, str], tuple[int, float]]:

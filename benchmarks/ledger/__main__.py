@@ -2,7 +2,7 @@
 
     python -m benchmarks.ledger TEXT             # draw, run, score, and write benchmarks/ledger/TEXT/
     python -m benchmarks.ledger TEXT --release   # the same, with more settings
-    python -m benchmarks.ledger --report         # every table and interval from the rows
+    python -m benchmarks.ledger --report         # every table and interval from the rows, of each text and pooled
 
 A text is committed to benchmarks/ledger/texts.tsv before it is run, and run once. A run needs a clean checkout of one commit to
 its end: take a worktree of its own. The same command goes on after an interruption. Commit its folder.
@@ -24,11 +24,13 @@ from benchmarks.figures import TABLES
 from benchmarks.rows import (
     AS_GIVEN,
     LEDGER,
+    POOL,
     TEXTS,
     collect,
     head,
     read_rows,
     read_scenes,
+    read_source,
     read_texts,
     stamp,
     world_of,
@@ -190,17 +192,17 @@ def run(text: str, release: bool, cores: int) -> Path:
 
 
 def report(text: str) -> str:
-    """Every table of a text, over all apartments and over those of each world, or that it has not run."""
-    if not (LEDGER / text).exists():
+    """Every table of a text, over all apartments and over those of each world, or that it has not run; also of ``POOL``."""
+    if text != POOL and not (LEDGER / text).exists():
         return f"# {text}\n\nRegistered, not run."
-    rows = read_rows(LEDGER / text)
+    rows = read_source(text)
     worlds = [None, *rows.worlds] if len(rows.worlds) > 1 else [None]
     told = [
         line
         for world in worlds
         for line in (*([f"## {world}"] if world else []), *(table(rows, world) for table in TABLES.values()))
     ]
-    return "\n\n".join([f"# {text}", stamp(rows.about), *told])
+    return "\n\n".join([f"# {rows.about['name']}", stamp(rows.about), *told])
 
 
 @command(__doc__)
@@ -214,7 +216,7 @@ def main(text: str | None, release: bool, reported: bool, cores: int) -> None:
         raise UserError("give a TEXT to run, or --report")
     if not reported:
         click.echo(f"wrote {run(text, release, cores)}; commit it", err=True)
-    click.echo("\n\n".join(map(report, [text] if text else read_texts()["text"])))
+    click.echo("\n\n".join(map(report, [text] if text else [POOL, *read_texts()["text"]])))
 
 
 if __name__ == "__main__":

@@ -3,12 +3,14 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.figures import difference_table
 from benchmarks.rows import collect
-from benchmarks.scores import accuracy_difference, iou_difference, pair_answers, queries_of
+from benchmarks.scores import accuracy_difference, format_difference, iou_difference, pair_answers, queries_of
 from egosplat.errors import UserError
+from egosplat.evaluation.intervals import Clusters
 from egosplat_rivals.scored_scenes import ScoredScene
 from tests.support.scores import SETUP
 
@@ -68,31 +70,29 @@ def test_settings_are_compared_query_by_query():
     rows = collect("ablation", found)
     table = difference_table(rows, "scene").splitlines()[2:]
     assert [row.split(" | ")[0] for row in table] == ["| full against no_masks", "| full against baseline"]
-    assert table[1].startswith("| full against baseline | +75.0 (") and "p = 0.0042 |" in table[1]
-    assert "| full against no_masks | +0.0 (" in difference_table(rows, "busy")
+    assert table[1].startswith("| full against baseline | +75.0 (") and "p = 0.0035 |" in table[1]
+    assert "| full against no_masks | 0.0 (" in difference_table(rows, "busy")
     assert difference_table(rows) not in (difference_table(rows, "scene"), difference_table(rows, "busy"))
     with pytest.raises(UserError, match="foreign1"):
         rows.within("foreign")
     same = difference_table(collect("ablation", {"full": found["full"], "again": found["full"]}), "scene")
-    assert "| full against again | +0.0 (-19.4 to +19.4), p = 1 |" in same
+    assert "| full against again | 0.0 (-19.4 to +19.4), p = 1 |" in same
     by_pixels = {"full": found["full"], **dict.fromkeys(("pixels", "occam_pixels"), found["no_masks"])}
     own, occam = difference_table(collect("ablation", by_pixels), "scene").splitlines()[2:]
     assert own.startswith("| full against pixels |") and occam.startswith("| pixels against occam_pixels |")
 
 
 def test_one_thing_seen_in_many_frames_is_one_difference():
-    """Ten frames of one category that only one of two finds: no evidence about other categories, whatever p says."""
-    mine = answered(*(("cup", True, 0.5) for _ in range(10)), *((f"thing {n}", True, 0.5) for n in range(9)))
-    theirs = answered(
-        *(("cup", False, 0.5) for _ in range(10)), *((f"thing {n}", True, 0.5) for n in range(9))
-    )
+    """Ten frames of one category that only one of two finds: no evidence about other categories."""
+    things = [(f"thing {n}", True, 0.5) for n in range(9)]
+    mine, theirs = (answered(*[("cup", hit, 0.5)] * 10, *things) for hit in (True, False))
     pair = pair_answers(mine, theirs)
-    assert (queries_of([pair]), pair.gained, pair.lost, len(pair.hits.counts)) == (19, 10, 0, 10)
-    told = accuracy_difference([pair])
-    assert told.startswith("+52.6 (+0.0 to ") and told.endswith("p = 0.002")
-    assert iou_difference([pair]) == "+0.0 (-27.8 to +27.8)"
+    assert (queries_of([pair]), len(pair.hits.counts)) == (19, 10)
+    assert accuracy_difference([pair]) == "+52.6 (0.0 to +83.3), p = 1"
+    assert iou_difference([pair]) == "0.0 (-27.8 to +27.8), p = 1"
+    assert iou_difference([]) == "-"
 
 
-def test_a_single_category_has_a_difference_without_an_interval():
-    pair = pair_answers(answered(("cup", True, 0.5)), answered(("cup", False, 0.1)))
-    assert accuracy_difference([pair]) == "+100.0 (fewer than two categories), p = 1"
+def test_a_p_just_below_the_limit_is_not_rounded_to_it():
+    values = np.array([3, -3, 7, 8, 5, 5, -1, -1, 3, 1, 1]) / 10
+    assert format_difference([Clusters(values, np.ones(11))]) == "+25.5 (+2.0 to +50.0), p = 0.0498"

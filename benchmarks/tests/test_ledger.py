@@ -16,7 +16,7 @@ from benchmarks.ledger import __main__ as ledger
 from benchmarks.tests.test_ablation import OPTIONS, answered
 from egosplat.errors import UserError
 from egosplat.pipeline.process_guards import STARTED_BY
-from tests.support.rows import some_rows
+from tests.support.rows import SCENES, some_rows
 from training.small_models.worlds import HELD_OUT_SEEDS, TRAINING_SEEDS
 
 COMMIT = "c0de" * 10
@@ -157,9 +157,26 @@ def test_the_report_is_computed_from_the_rows_alone(checkout):
     register("mine", "other")
     said = CliRunner().invoke(ledger.main, ["--report"], catch_exceptions=False).stdout
     assert said.endswith("# other\n\nRegistered, not run.\n")
-    assert said.startswith("# mine\n\nCommit c0de, a processor, 2 cores, 2026-01-01.")
-    assert "| full against other | +" in said and said.count("\n| other | 22 |") == 1
-    assert said.count("\n## ") == 2 and said.count("\n| other | 11 |") == 2
+    assert said.startswith("# ledger, mine\n\nCommit c0de, a processor, 2 cores, 2026-01-01.")
+    assert "| full against other | +" in said and said.count("\n| other | 22 |") == 2
+    assert said.count("\n## ") == 4 and said.count("\n| other | 11 |") == 4
+
+
+def test_texts_are_pooled_from_the_last_change_of_scores_on_that_has_rows(checkout):
+    """A setting has the scenes of the texts that ran it."""
+    scores = {"old": "changed", "new": "changed", "next": "same", "planned": "changed"}
+    lines = [f"{text}\t2026-01-01\t{change}\twhy" for text, change in scores.items()]
+    (rows.LEDGER / rows.TEXTS).write_text("\n".join(["text\tregistered\tscores\twhy", *lines]))
+    for text in ("old", "new", "next"):
+        tables = {name: own.assign(scene=text + own["scene"]) for name, own in some_rows().tables.items()}
+        if text == "next":
+            tables = {name: own.query("setting == 'full'") for name, own in tables.items()}
+        rows.write_rows(rows.LEDGER / text, replace(some_rows(), tables=tables))
+    pool = rows.read_source("ledger")
+    assert pool.about["name"] == "ledger, new and next"
+    asked = {setting: {*pool.of("runs", setting)["scene"]} for setting in pool.settings}
+    new, then = ({f"{text}{scene}" for scene in SCENES} for text in ("new", "next"))
+    assert asked == {"full": new | then, "other": new}
 
 
 def test_the_list_of_texts_only_grew_and_every_entry_is_as_it_was_written():

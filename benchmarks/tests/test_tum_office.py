@@ -11,7 +11,6 @@ from benchmarks.tum_office.__main__ import HERE, Outline, parse_drawing, rasteri
 from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
-from egosplat.frames.plain_annotations import read_instances
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.selection import split_frames
 
@@ -39,22 +38,6 @@ def test_the_pixels_of_an_outline_belong_to_it_and_later_outlines_lie_on_top():
     expected[1:5, 1:6] = 7
     expected[3:7, 4:9] = 3
     assert ids.shape == (8, 10) and (ids == expected).all()
-
-
-def test_every_polygon_has_an_instance_and_lies_in_the_picture():
-    known = {instance.id for instance in read_instances(HERE / "instances.tsv")}
-    drawn = [outline for outlines in DRAWING.outlines.values() for outline in outlines]
-    assert {outline.id for outline in drawn} == known
-    for outline in drawn:
-        assert len(outline.points) >= 3
-        assert (outline.points >= 0).all() and (outline.points < [DRAWING.width, DRAWING.height]).all()
-
-
-@pytest.mark.parametrize("name", DRAWING.outlines)
-def test_nothing_that_is_drawn_is_hidden_wholly(name):
-    outlines = DRAWING.outlines[name]
-    seen = rasterize(outlines, DRAWING.width, DRAWING.height)
-    assert set(np.unique(seen)) - {0} == {outline.id for outline in outlines}
 
 
 def test_the_drawn_pictures_are_the_evaluated_ones():

@@ -40,10 +40,8 @@ def all_finite(values: Tensor) -> bool:
 def choose_compute(device: str, precision: str) -> Compute:
     """Device and number type for the configuration keys ``run.device`` and ``run.precision``.
 
-    ``auto`` is a GPU if there is one, and bfloat16 on a GPU that supports it, else float32.
-
-    Raises:
-        UserError: ``cuda`` without a GPU, or ``bfloat16`` on a GPU without it.
+    ``auto`` is a GPU if there is one, and bfloat16 on a GPU that supports it, else float32. UserError: ``cuda`` without a
+    GPU, or ``bfloat16`` on a GPU without it.
     """
     gpu = torch.cuda.is_available()
     if device == "cuda" and not gpu:

@@ -128,10 +128,8 @@ def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
 def interpolate_poses(times: NDArray[np.int64], poses: Array, at: NDArray[np.int64]) -> Array:
     """Interpolate (N, 4, 4) poses: translations linearly, rotations along the shortest arc; (M, 4, 4) at ``at``.
 
-    ``times`` (N,) and ``at`` (M,) are int64 nanoseconds.
-
-    Raises:
-        ValueError: fewer than two times, not strictly increasing, or ``at`` reaches outside of them.
+    ``times`` (N,) and ``at`` (M,) are int64 nanoseconds. ValueError: fewer than two times, not strictly increasing, or ``at``
+    reaches outside of them.
     """
     times, at = np.asarray(times, dtype=np.int64), np.asarray(at, dtype=np.int64)
     if len(times) < 2 or (np.diff(times) <= 0).any():

@@ -18,6 +18,6 @@ SETUP = {
         "seconds": 1.0,
         "seed": 1,
         "camera": "ideal",
-    },
+    }
 } | {"seed": 0, "preset": "balanced", "commit": "c0de", "clean": True}
 """What was measured, and how."""

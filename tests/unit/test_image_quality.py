@@ -26,14 +26,6 @@ def ssim(render: torch.Tensor, photograph: torch.Tensor, valid: torch.Tensor) ->
     return mean_ssim(ssim_map(render, photograph, valid), valid)
 
 
-def test_psnr_is_torchmetrics():
-    from torchmetrics.functional.image import peak_signal_noise_ratio
-
-    render, photograph = picture(0), picture(1)
-    expected = peak_signal_noise_ratio(planar(render), planar(photograph), data_range=1.0)
-    assert psnr(render, photograph, EVERYWHERE) == pytest.approx(float(expected), abs=1e-6)
-
-
 def test_ssim_is_torchmetrics_where_windows_are_whole():
     from torchmetrics.functional.image import structural_similarity_index_measure
 

@@ -108,9 +108,8 @@ class Artifact:
 def open_artifact(path: Path, schema: Schema) -> Artifact:
     """Open an artifact and check all that can be checked without reading its arrays.
 
-    Raises:
-        ArtifactError: it is absent, of another kind or version, or damaged; the message says how to rebuild it.
-        OSError, MemoryError, RuntimeError: a system error, see ``egosplat.errors``.
+    ArtifactError: it is absent, of another kind or version, or damaged; the message says how to rebuild it. OSError,
+    MemoryError, RuntimeError: a system error, see ``egosplat.errors``.
     """
     group, attributes = _open(path)
     if (kind := attributes.get("schema")) != schema.name:

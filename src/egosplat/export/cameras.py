@@ -21,9 +21,7 @@ def export_cameras(scene: Path, output: Path, format: str) -> None:
     """Write a folder with ``images/``, ``masks/`` and cameras of a scene or variant, in the ``nerfstudio`` or ``colmap`` format.
 
     Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked.
-
-    Raises:
-        UserError: an artifact is missing or damaged.
+    UserError: an artifact is missing or damaged.
     """
     *paths, moving = locate(scene, "frames", "poses", "splats", "masks")
     frames, poses, splats = map(open_artifact, paths, (FRAMES, POSES, SPLATS))

@@ -61,11 +61,10 @@ def fit_autoencoder(
 ) -> tuple[Callable[[Features], Features], Decoder]:
     """Train codes of ``dims`` channels on (R, D) float32 rows, zeros allowed; equal rows and seed give equal weights.
 
+    UserError: training diverges.
+
     Returns:
         The encoder as a function of (R, D) float32 rows, and the decoder.
-
-    Raises:
-        UserError: training diverges.
     """
     # Leaves the global random generator untouched.
     with torch.random.fork_rng(devices=[]):

@@ -44,7 +44,7 @@ class Compression:
 def fit(
     features: Features, kind: str, dims: int | str, epochs: int, seed: int, least_cosine: float = 1.0
 ) -> Compression:
-    """Fit a compression to features.
+    """Fit a compression to features (UserError: C exceeds D, or training diverges).
 
     Args:
         features: (R, D) float32, finite, equally weighted.
@@ -52,9 +52,6 @@ def fit(
         dims: C, or ``auto`` for the fewest that a linear basis needs, for any kind; ignored for ``none``.
         epochs, seed: for the autoencoder's training.
         least_cosine: reconstruction quality that ``auto`` requires.
-
-    Raises:
-        UserError: C exceeds D, or training diverges.
     """
     width = features.shape[1]
     if kind == "none":

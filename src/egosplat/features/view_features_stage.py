@@ -72,14 +72,11 @@ def run(
 ) -> None:
     """Write the view features of ``instances``.
 
-    A killed run resumes from its last checkpoint and gives identical features.
+    A killed run resumes from its last checkpoint and gives identical features. UserError: the inputs do not belong together,
+    the model cannot be loaded, it gives no finite feature, or there are chunks and a limit of views.
 
     Args:
         chunk, gather: as in ``Work``.
-
-    Raises:
-        UserError: the inputs do not belong together, the model cannot be loaded, it gives no finite feature, or there
-            are chunks and a limit of views.
     """
     if options.max_views is not None and (chunk or gather):
         raise UserError("view_features.max_views chooses among all frames: give neither --chunk nor --gather")

@@ -43,13 +43,12 @@ class DensityControl:
     def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
         """Collect the statistics of one iteration; called after ``backward``, before ``step``.
 
+        ValueError: wrong shape, or another number of Gaussians than at the last call.
+
         Args:
             means2d_grad: (C, N, 2) float32 gradient by means2d [1/px] of a loss that is the mean over the C cameras; None if
                 the loss depends on no Gaussian. Values that are not finite are skipped.
             radii: (C, N, 2) int32 screen radii of the rasterizer [px]; 0 if culled.
-
-        Raises:
-            ValueError: wrong shape, or another number of Gaussians than at the last call.
         """
         if means2d_grad is None:
             return
@@ -73,11 +72,10 @@ class DensityControl:
     ) -> Gaussians:
         """Grow, prune and reset when scheduled; called after the optimizer's step of ``iteration``, counted from 1.
 
+        UserError: no Gaussian would be left.
+
         Returns:
             Gaussians attached to ``optimizer``; the same object if no row was added or removed.
-
-        Raises:
-            UserError: no Gaussian would be left.
         """
         if self.schedule.densifies(iteration):
             gaussians = self._densify(iteration, gaussians, optimizer, generator)
@@ -183,11 +181,10 @@ def replace_rows(
 ) -> Gaussians:
     """Keep the rows ``keep``, (N,) bool, and append ``new`` with zero moments, in Gaussians and optimizer.
 
+    UserError: no Gaussian would be left.
+
     Returns:
         Leaves that require gradients, attached to ``optimizer``; ``gaussians`` itself if nothing changes.
-
-    Raises:
-        UserError: no Gaussian would be left.
     """
     added = new.count if new is not None else 0
     if not added and bool(keep.all()) and gaussians.count:

@@ -63,13 +63,12 @@ def starting_gaussians(
 ) -> Gaussians:
     """Gaussians, without features, at the points visible from training cameras, or at random points if there are none.
 
+    UserError: the scene is too far from the world's origin for float32, or too small or too large for the renderer.
+
     Args:
         max_points: size of the random subset of the points, or number of random points.
         densify_init: add points where a view shows none, see ``densify``.
         near_plane: smallest camera z of a visible point [m].
-
-    Raises:
-        UserError: the scene is too far from the world's origin for float32, or too small or too large for the renderer.
     """
     cameras = views.camera_to_world
     _check_origin(poses, cameras, near_plane)
@@ -244,16 +243,13 @@ def from_points(
 ) -> Gaussians:
     """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
 
-    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation
-    the identity; features and SH coefficients above degree 0 are zero.
+    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation the
+    identity; features and SH coefficients above degree 0 are zero. ValueError: wrong shape or dtype. UserError: no point is
+    finite in float32.
 
     Args:
         xyz, rgb: (P, 3) float64 world points [m], duplicates allowed, and (P, 3) uint8.
         near_plane: smallest camera z [m], the unit of the least sizes.
-
-    Raises:
-        ValueError: wrong shape or dtype.
-        UserError: no point is finite in float32.
     """
     if xyz.ndim != 2 or xyz.shape[1] != 3 or rgb.shape != xyz.shape or rgb.dtype != np.uint8:
         raise ValueError(f"xyz {xyz.shape} and rgb {rgb.shape} {rgb.dtype} are not (P, 3) and (P, 3) uint8")
@@ -293,10 +289,8 @@ def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.flo
 def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
     """Return the scene size [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS).
 
-    The learning rate of the means and the split and prune sizes scale with it. It is at least 10 near planes [m].
-
-    Raises:
-        ValueError: there is no (F, 4, 4) pose, or one is not finite.
+    The learning rate of the means and the split and prune sizes scale with it. It is at least 10 near planes [m]. ValueError:
+    there is no (F, 4, 4) pose, or one is not finite.
     """
     centers = camera_to_world[:, :3, 3]
     if not len(centers) or not np.isfinite(centers).all():

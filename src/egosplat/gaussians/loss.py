@@ -23,16 +23,13 @@ LARGEST_VALUE = 1e8
 def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: float) -> Tensor:
     """Return ``(1 - ssim_lambda) mean |x - y| + ssim_lambda (1 - mean SSIM(x, y))`` (Kerbl et al. 2023, equation 7).
 
-    y is the target and ``x = y + weight * (render - y)``. SSIM (Wang et al. 2004) has the parameters of 3DGS: a
-    Gaussian window of 11 x 11 px with standard deviation 1.5 px, zero padding, K1 = 0.01, K2 = 0.03, data range 1.
-    Float32 tensors on the CPU use the compiled kernel if it is built.
+    y is the target and ``x = y + weight * (render - y)``. SSIM (Wang et al. 2004) has the parameters of 3DGS: a Gaussian
+    window of 11 x 11 px with standard deviation 1.5 px, zero padding, K1 = 0.01, K2 = 0.03, data range 1. Float32 tensors on
+    the CPU use the compiled kernel if it is built. ValueError: shapes or dtypes do not match.
 
     Args:
         render: (H, W, 3) floating point; on the CPU fastest as a permuted view of planar (3, H, W).
         target, weight: (H, W, 3) in [0, 1]; (H, W), clamped to [0, 1], or None for ones.
-
-    Raises:
-        ValueError: shapes or dtypes do not match.
     """
     _check(render, target, weight)
     if not _can_fuse(render, target, weight):

@@ -78,6 +78,8 @@ def render(
 ) -> tuple[Tensor, Tensor, dict[str, Any]]:
     """Render colors, then features, then depth (in modes that have it), in one pass.
 
+    ValueError: see ``egosplat.rasterize.api.rasterization``.
+
     Args:
         camera_to_world: (4, 4) float64, OpenCV axes, meters; a tensor gets a gradient.
         sh_degree: active SH degree, at most ``gaussians.sh_degree``.
@@ -87,9 +89,6 @@ def render(
     Returns:
         (H, W, X) float32 image, X = 3 + F, plus 1 for depth (1 alone in "D" and "ED"); (H, W, 1) accumulated opacity; and
         the rasterizer's meta for one camera: ``means2d`` (1, N, 2), ``radii`` (1, N, 2), ...
-
-    Raises:
-        ValueError: see ``egosplat.rasterize.api.rasterization``.
     """
     device, channels = gaussians.means.device, gaussians.features.shape[1]
     # Inverted in float64: far from the origin, float32 would lose millimeters.

@@ -151,8 +151,7 @@ def resume_and_train(
 ) -> None:
     """Train from the checkpoint, if there is one, until the last iteration; changes ``state``.
 
-    Raises:
-        UserError: training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again.
+    UserError: training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again.
     """
     if (saved := checkpoint.load()) is not None:
         state.load_state_dict(saved)

@@ -36,12 +36,11 @@ def run(
 ) -> None:
     """Write the instances artifact. A killed run resumes the training of temporary Gaussians, with the same result.
 
+    UserError: the inputs do not belong together, no training frame has a pose, or no mask is left.
+
     Args:
         survey_path: path of the survey, which excludes frames and decides keys that are ``auto``.
         splats_path: path of the scene's Gaussians; None: temporary ones are trained.
-
-    Raises:
-        UserError: the inputs do not belong together, no training frame has a pose, or no mask is left.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     segments = open_artifact(segments_path, SEGMENTS)

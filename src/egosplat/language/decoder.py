@@ -30,7 +30,7 @@ _WIDE = 64
 
 @dataclass(frozen=True)
 class Decoder:
-    """Weights of a decoder.
+    """Weights of a decoder (ValueError: the fields do not agree).
 
     Attributes:
         widths: channels from the code to the feature, one more than there are layers.
@@ -40,9 +40,6 @@ class Decoder:
         unit_input: whether the code is normalized first; a zero code stays 0.
         skips: pairs (early, late) of layers, counted from 0: what the early one passes on is added to what the late
             one passes on, both with what follows them. The last layer takes no part.
-
-    Raises:
-        ValueError: the fields do not agree.
     """
 
     widths: tuple[int, ...]

@@ -43,16 +43,13 @@ def run(
 ) -> None:
     """Write the language artifact of ``splats``.
 
-    Codes of joint training are copied, whatever the method. Transient pixels are masked as in the training of the
-    splats, which needs the same artifact, ``transient_path`` or ``masks_path``.
+    Codes of joint training are copied, whatever the method. Transient pixels are masked as in the training of the splats,
+    which needs the same artifact, ``transient_path`` or ``masks_path``. UserError: an input is missing or does not belong to
+    the others, jointly trained codes are of other features, the backend cannot run, or training diverges.
 
     Args:
         survey_path: excludes frames from training.
         instances_path, features_path, tiles_path: what the method learns from.
-
-    Raises:
-        UserError: an input is missing or does not belong to the others, jointly trained codes are of other features,
-            the backend cannot run, or training diverges.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     splats = open_artifact(splats_path, SPLATS)

@@ -15,10 +15,9 @@ _SCENE = {"title": "scene", "method": None, "preset": None, "world_seed": None, 
 def run_stage(name: str, **values: Any) -> None:
     """Run a stage of the pipeline, as its command does: ``run_stage("splats", frames=..., poses=..., output=...)``.
 
-    ``values`` are its inputs and ``output``, as paths, and the keys that differ from their defaults, such as ``iterations=7000``.
-
-    Raises:
-        UserError: there is no such stage, a path is missing, or a key is unknown or has a forbidden value; also as the stage.
+    ``values`` are its inputs and ``output``, as paths, and the keys that differ from their defaults, such as
+    ``iterations=7000``. UserError: there is no such stage, a path is missing, or a key is unknown or has a forbidden value;
+    also as the stage.
     """
     if (stage := stages.STAGES.get(name)) is None:
         raise UserError(f"run_stage: there is no stage {name!r}; there are {', '.join(stages.STAGES)}")

@@ -134,8 +134,7 @@ def is_own(scene: Scene) -> bool:
 def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     """Read each row of a table with its line number. Blank lines and lines that begin with # are skipped.
 
-    Raises:
-        UserError: it is missing or unreadable, or a row has not the columns. Values are not checked.
+    UserError: it is missing or unreadable, or a row has not the columns. Values are not checked.
     """
     if not path.exists():
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it")

@@ -81,10 +81,8 @@ def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
 def sum_over_pixels(view: View, image: Tensor) -> Tensor:
     """Sum an (H, W, X) image over each Gaussian's compositing weights, (N, X): the transposed map of ``composite``.
 
-    The backend cpu renders no image for it; the others take the gradient of one. Not differentiable.
-
-    Raises:
-        ValueError: the image has another size, dtype or device than the view.
+    The backend cpu renders no image for it; the others take the gradient of one. Not differentiable. ValueError: the image
+    has another size, dtype or device than the view.
     """
     kind = (view.means.dtype, view.means.device)
     size = (view.height, view.width)
@@ -105,10 +103,8 @@ def sum_over_pixels(view: View, image: Tensor) -> Tensor:
 def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
     """Composite (N, X) values of which few are not 0, on background 0: (X, H, W). Not differentiable.
 
-    The backend cpu takes time by their number; the others render the dense values.
-
-    Raises:
-        ValueError: the values are not the rows of a matrix of this dtype, with a row for each Gaussian.
+    The backend cpu takes time by their number; the others render the dense values. ValueError: the values are not the rows of
+    a matrix of this dtype, with a row for each Gaussian.
     """
     count, channels = len(view.means), values.shape[1]
     wanted = f"the values are not the rows of a {view.means.dtype} matrix of {count} x {channels}"
@@ -136,14 +132,11 @@ def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
 def pixel_renderer(view: View, pixels: Tensor) -> Callable[[Tensor], Tensor]:
     """Prepare to composite values at (P, 2) single pixels, column and row: ``composite`` without the rest of the image.
 
-    The backend cpu lists what each pixel shows once, so that a render takes time by its pixels and no longer by the
-    image; the others render the whole image.
+    The backend cpu lists what each pixel shows once, so that a render takes time by its pixels and no longer by the image;
+    the others render the whole image. ValueError: a pixel lies outside the image.
 
     Returns:
         A function of (N, X) values that gives (P, X) on background 0, differentiable by the values.
-
-    Raises:
-        ValueError: a pixel lies outside the image.
     """
     if view._backend == "cpu":
         begin, gaussians, weights = pixel_lists(view, pixels)
@@ -156,15 +149,12 @@ def pixel_renderer(view: View, pixels: Tensor) -> Callable[[Tensor], Tensor]:
 def pixel_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """List what (P, 2) single pixels, column and row, show.
 
-    The compiled kernels make the list on the CPU also for the backend cuda, because gsplat has none. The reference
-    renders every Gaussian by itself, so it suits small scenes.
+    The compiled kernels make the list on the CPU also for the backend cuda, because gsplat has none. The reference renders
+    every Gaussian by itself, so it suits small scenes. ValueError: a pixel lies outside the image.
 
     Returns:
         On the CPU: begin (P + 1,) int64, where each pixel's list begins, and the end; Gaussians (M,) int64, nearest
         first; and their weights (M,), alpha times transmittance.
-
-    Raises:
-        ValueError: a pixel lies outside the image.
     """
     view = view._on_cpu()
     if view.backend == "reference":

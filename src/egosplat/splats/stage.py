@@ -68,7 +68,9 @@ def run(
 ) -> None:
     """Write the splats artifact of ``frames`` with ``poses``.
 
-    A killed run resumes from its last checkpoint and gives identical Gaussians.
+    A killed run resumes from its last checkpoint and gives identical Gaussians. UserError: no training frame has a pose, an
+    input is missing or does not belong to the others, the backend cannot run, training diverges, or the Gaussians of
+    ``source`` cannot be read or do not fit.
 
     Args:
         survey_path: excludes frames from training, unless nothing moves and nothing is masked; decides keys of the
@@ -76,10 +78,6 @@ def run(
         transient_path: required if ``masking`` is ``initial``.
         masks_path: required if ``masking`` is ``refined``.
         instances_path, features_path: required if ``language`` is ``joint``.
-
-    Raises:
-        UserError: no training frame has a pose, an input is missing or does not belong to the others, the backend
-            cannot run, training diverges, or the Gaussians of ``source`` cannot be read or do not fit.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     if options.source is not None:

@@ -6,7 +6,7 @@ import pytest
 from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import Query, categories
-from egosplat.evaluation.scores import Result, bounding_boxes, iou, score_query, summarise
+from egosplat.evaluation.scores import iou, score_query, summarise
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
 
@@ -45,25 +45,6 @@ def test_perfect_answers_have_perfect_scores(instance_map, queries, target):
     assert found["dynamic"]["mean_iou"] == pytest.approx((60 / 84 + 1) / 2)
 
 
-def test_a_thing_that_is_found_in_ten_frames_is_found_once():
-    """Two categories in ten frames each: twenty queries leave the doubt of two things, not of twenty."""
-    scores = [{"all": Result(True, 0.5, 0.1, False)}] * 20
-    score = summarise(["couch", "cup"] * 10, scores, OPTIONS)["all"]
-    assert (score["count"], score["categories"]) == (20, 2) and score["accuracy_interval"][0] < 0.35
-    assert summarise(["couch"] * 10, scores[:10], OPTIONS)["all"]["accuracy_interval"] is None
-
-
-def test_chance_stands_beside_the_accuracy(instance_map, queries):
-    valid = np.ones(instance_map.shape, bool)
-    valid[:, :4] = False
-    asked, given = [queries[0], queries[-1]], answer(instance_map, queries[0])
-    found = summary(asked, [given, given], instance_map[None], valid=valid)["all"]
-    books, person = 84 / 1080, 50 / 1080
-    assert found["random_pixel"] == pytest.approx((books + person) / 2)
-    # The middle, (20, 15), is in the box of the moving book.
-    assert found["middle_pixel"] == 0.5
-
-
 @pytest.fixture
 def ring() -> np.ndarray:
     """(1, 20, 20) int32: instance 0 is a ring whose middle is instance 1; 2 is one pixel."""
@@ -72,11 +53,6 @@ def ring() -> np.ndarray:
     labels[0, 7:10, 9:12] = 1
     labels[0, 19, 0] = 2
     return labels
-
-
-def test_boxes_hold_their_first_and_last_pixel(ring):
-    assert bounding_boxes(ring, (0, 2)).tolist() == [[6, 4, 14, 12], [0, 19, 0, 19]]
-    assert bounding_boxes(ring, (5,)).shape == (0, 4)
 
 
 def scored(ring, members, target, pixel=None, valid=None):

@@ -29,10 +29,8 @@ VARIABLE = "EGOSPLAT_KERNEL"
 def load() -> ctypes.CDLL:
     """Load the best compiled variant that this processor supports, or the one that EGOSPLAT_KERNEL names.
 
-    The library is loaded once per process. The caller of a function declares its argument types.
-
-    Raises:
-        UserError: no library is usable; ``why_not`` returns the same message.
+    The library is loaded once per process. The caller of a function declares its argument types. UserError: no library is
+    usable; ``why_not`` returns the same message.
     """
     return _loaded()[1]
 

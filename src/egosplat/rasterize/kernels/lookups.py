@@ -66,12 +66,11 @@ def composite_sparse(projected: Projected, values: tuple[Tensor, Tensor, Tensor]
 def list_weights(projected: Projected, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     """List what (P, 2) pixels, column and row inside the image, show, without rendering an image.
 
+    ValueError: a pixel lies outside the image.
+
     Returns:
         begin (P + 1,) int64: where each pixel's list begins, and the end; Gaussians (M,) int64, nearest first; and
         their weights (M,) float32, alpha times transmittance, as ``kernels.raster.composite`` uses them.
-
-    Raises:
-        ValueError: a pixel lies outside the image.
     """
     width, height = projected.width, projected.height
     if ((pixels < 0) | (pixels >= torch.tensor([width, height]))).any():

@@ -88,10 +88,8 @@ def run(
 ) -> None:
     """Draw the page as PNG, whole or not at all, with the options and the scores of ``metrics.json``.
 
-    ``histories_path`` is required if the scores are of frames at their own time.
-
-    Raises:
-        UserError: the inputs do not belong together, or the features' OpenCLIP is missing.
+    ``histories_path`` is required if the scores are of frames at their own time. UserError: the inputs do not belong
+    together, or the features' OpenCLIP is missing.
     """
     document = read_document(metrics_path, "metrics")
     paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
