@@ -71,7 +71,7 @@ CONFIGURATION: dict[str, Any] = {
 DRAW = ("usual", "usual", "usual", "busy", "busy", "foreign", "foreign")
 WORLDS = {
     "usual": "",
-    "busy": " synthetic.world=busy synthetic.objects=44 synthetic.seconds=60 synthetic.motion=1",
+    "busy": " synthetic.world=busy synthetic.objects=28 synthetic.seconds=28 synthetic.fps=4 synthetic.motion=0.87",
     "foreign": " synthetic.world=foreign",
 }
 
