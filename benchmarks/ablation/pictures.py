@@ -68,7 +68,7 @@ class Method:
         codes, coverage = render_codes(
             scene.gaussians, scene.code, scene.share, scene.camera, pose, scene.settings
         )
-        return (decode(codes[-1], scene.decoder) * (coverage[-1, ..., None] > 0.5)).cpu().numpy()
+        return (decode(codes[-1], scene.decoder) * (coverage[-1, ..., None] > 0.01)).cpu().numpy()
 
     def picture(self, frame: int) -> Picture:
         """Its render."""

@@ -202,7 +202,8 @@ def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
 @pytest.mark.parametrize("method", LONG)
 def test_a_killed_training_goes_on_to_the_same_result(scene, tmp_path, method, monkeypatch):
     def run(name: str):
-        return scene.coded(method, Checkpoint(tmp_path / f"{name}.zarr", "key", 0.0), iterations=20, granular_dims=3)
+        kept = Checkpoint(tmp_path / f"{name}.zarr", "key", 0.0)
+        return scene.coded(method, kept, iterations=20, granular_dims=3)
 
     before = {name: values.clone() for name, values in scene.views.gaussians.parameters().items()}
     whole = run("whole")
