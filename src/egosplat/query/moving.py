@@ -1,7 +1,6 @@
 """Answer queries by the tracks of what moves, which is masked and has no Gaussians (docs/method.md#seen-moving)."""
 
 import math
-import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,8 +19,9 @@ from egosplat.query.relevancy import relevancy
 from egosplat.query.text import STAYING, Texts
 
 # What is seen of the wearer, in words: small masks of arms look like many things.
-WEARER = re.split(
-    r",\s+", "arm, arms, forearm, hand, hands, human, man, people, person, somebody, wearer, woman"
+WEARER = (
+    *("arm", "arms", "forearm", "hand", "hands", "human", "man"),
+    *("people", "person", "somebody", "wearer", "woman"),
 )
 # Arms come from outside: this share of their masks, of so many at least, reaches the edge of what the camera shows.
 _AT_EDGE, _LEAST_VIEWS = 0.8, 15
