@@ -65,7 +65,7 @@ $(COMPILED): $(INSTALLED) pyproject.toml setup.py compiling.py $(KERNELS)/target
 
 demo: install
 	$(BIN)/snakemake --cores $(CORES) results/adt/scene1/metrics.json $(addprefix results/adt/scene1/,$(PAGES))
-	$(BIN)/egosplat query results/adt/scene1 television carpet elephant
+	$(BIN)/egosplat query results/adt/scene1 television person elephant
 	@echo
 	@echo "Done. Pictures of each step are in results/adt/scene1: $(PAGES) query.png"
 	@echo "Next, after  source $(BIN)/activate"
