@@ -99,7 +99,8 @@ def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
     folder = word_scene()
     for in_time in (False, True):
         assert open_scored(folder, MetricsOptions(), in_time=in_time).rests is None
-    nothing = {"gaussians/sh": np.zeros((0, 1, 3), np.float32)}
+    shapes = {"gaussians/sh": (0, 1, 3), "things/feature": (0, 128)}
+    nothing = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
     put(folder, "histories", nothing, made_from=["frames", "poses", "splats"])
     scored = read_document(score(folder, (*ARTIFACTS, "histories")), "metrics")
     scene = open_scored(folder, scoring_options(scored), in_time=True)

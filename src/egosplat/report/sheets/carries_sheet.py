@@ -15,8 +15,10 @@ from egosplat.histories.known import read_spans
 from egosplat.histories.told import clock
 from egosplat.report.sheets.sheet import POINTS, below_cameras, palette, sheet
 
-# Maximum number of photographs, and of those in a row.
-PICTURES, COLUMNS = 12, 6
+Indices = NDArray[np.int64]
+
+# Maximum number of carries, of photographs, and of those in a row.
+CARRIES, PICTURES, COLUMNS = 40, 12, 6
 
 # Width of a photograph, height of a bar with its gap, and least height of the charts [inches].
 CELL, BAR, CHARTS = 2.7, 0.23, 8.0
@@ -41,17 +43,19 @@ def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact
     first, last, _ = read_spans(histories, "carries", ("first_frame", "last_frame", "best_frame"), len(times))
     spans = np.stack([times[first], times[last]], axis=1)
     count, colors = len(spans), DARKER * palette(len(spans))
-    longest = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")[:PICTURES]
+    order = np.argsort(spans[:, 0] - spans[:, 1], kind="stable")
+    drawn, longest = np.sort(order[:CARRIES]), order[:PICTURES]
     rows = -(-len(longest) // COLUMNS)
-    heights = [max(CHARTS, BAR * count), *([rows * (CELL + 0.3) + 0.4] if rows else [])]
+    heights = [max(CHARTS, BAR * len(drawn)), *([rows * (CELL + 0.3) + 0.4] if rows else [])]
     figure = plt.figure(figsize=(CELL * COLUMNS, sum(heights) + 0.9), layout="constrained")
     parts = split_page(figure, len(heights), 1, height_ratios=heights)
     above, *beside = parts[0].subplots(1, len(heights), squeeze=False)[0]
-    _draw_from_above(above, poses, splats, histories, colors)
+    _draw_from_above(above, poses, splats, histories, colors, drawn)
     if count:
-        _draw_times(beside[0], spans, times[-1], colors)
+        _draw_times(beside[0], spans, times[-1], colors, drawn)
         _draw_photographs(parts[1], frames, histories, spans, colors, longest)
     carried = {0: "nothing is carried from place to place", 1: "1 carry"}.get(count, f"{count} carries")
+    carried += f", of which the {CARRIES} longest are drawn" if count > CARRIES else ""
     key = "\na carry has the same number and color everywhere" if count else ""
     return (
         figure,
@@ -60,16 +64,16 @@ def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact
 
 
 def _draw_from_above(
-    axes: Axes, poses: Artifact, splats: Artifact, histories: Artifact, colors: Array
+    axes: Axes, poses: Artifact, splats: Artifact, histories: Artifact, colors: Array, drawn: Indices
 ) -> None:
-    """Draw an arrow for each carry over the Gaussians, without what is higher than the cameras."""
+    """Draw an arrow for each carry that is drawn over the Gaussians, without what is higher than the cameras."""
     plane, xyz = ground_axes(poses.read("up")), splats.read("means").astype(np.float64)
     xyz = xyz[below_cameras(poses, xyz)]
     axes.scatter(*(xyz[:: len(xyz) // POINTS + 1] @ plane.T).T, s=1.5, c="0.8", linewidths=0)
     starts, ends = (histories.read(f"carries/{name}") @ plane.T for name in ("start", "end"))
     # Where one of both is not known, the other alone is drawn.
     starts, ends = np.where(np.isfinite(starts), starts, ends), np.where(np.isfinite(ends), ends, starts)
-    for index in np.flatnonzero(np.isfinite(ends).all(axis=1)):
+    for index in drawn[np.isfinite(ends[drawn]).all(axis=1)]:
         start, end, color = starts[index], ends[index], colors[index]
         style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", end, start, arrowprops=style | {"connectionstyle": f"arc3,rad={BEND}"})
@@ -83,11 +87,12 @@ def _draw_from_above(
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
 
 
-def _draw_times(axes: Axes, spans: Array, last: float, colors: Array) -> None:
-    """Draw a bar for each carry, from its first to its last frame."""
-    numbers = np.arange(1, len(spans) + 1)
-    axes.barh(numbers, np.ptp(spans, axis=1), left=spans[:, 0], color=colors, height=0.7, zorder=2)
-    axes.set(title="When", xlabel="min:s", yticks=numbers, ylim=(len(spans) + 0.6, 0.4), xlim=(0, last))
+def _draw_times(axes: Axes, spans: Array, last: float, colors: Array, drawn: Indices) -> None:
+    """Draw a bar for each carry that is drawn, from its first to its last frame."""
+    places, spans = np.arange(1, len(drawn) + 1), spans[drawn]
+    axes.barh(places, np.ptp(spans, axis=1), left=spans[:, 0], color=colors[drawn], height=0.7, zorder=2)
+    axes.set(title="When", xlabel="min:s", ylim=(len(drawn) + 0.6, 0.4), xlim=(0, last))
+    axes.set_yticks(places, [str(index + 1) for index in drawn])
     axes.xaxis.set_major_locator(
         MultipleLocator(next((tick for tick in TICKS if last <= 10 * tick), TICKS[-1]))
     )
@@ -96,12 +101,7 @@ def _draw_times(axes: Axes, spans: Array, last: float, colors: Array) -> None:
 
 
 def _draw_photographs(
-    page: FigureBase,
-    frames: Artifact,
-    histories: Artifact,
-    spans: Array,
-    colors: Array,
-    chosen: NDArray[np.int64],
+    page: FigureBase, frames: Artifact, histories: Artifact, spans: Array, colors: Array, chosen: Indices
 ) -> None:
     """Draw the chosen things on their way, each in the frame that shows most of it."""
     left_out = len(spans) - len(chosen)
