@@ -52,12 +52,12 @@ def work(surveyed, tmp_path):
     return type(surveyed)(Path(shutil.copytree(surveyed.folder, tmp_path / "copy", symlinks=True)))
 
 
-def test_before_the_survey_a_plan_shows_it_and_not_what_it_may_ask_for(workdir):
+def test_before_a_survey_that_chooses_frames_a_plan_shows_all_that_may_follow(workdir):
     for name in ("masks.zarr", "splats.zarr"):
         shutil.rmtree(workdir.folder / SCENE / name)
     (workdir.folder / METRICS).unlink()
-    planned = workdir.stale(METRICS, config=AUTO)
-    assert "survey" in planned and planned.isdisjoint({"transient", "masks"})
+    assert workdir.stale(METRICS, config=AUTO).isdisjoint({"transient", "masks"})
+    assert workdir.stale(METRICS, config=LEAVING_OUT) >= {"survey", "masks", "splats"}
 
 
 def test_an_unchanged_survey_decision_reruns_nothing(surveyed):

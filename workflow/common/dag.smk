@@ -1,5 +1,7 @@
 """Inputs, parameters and requests of rules as functions of wildcards: the plain functions in egosplat.run.jobs of a job."""
 
+from snakemake.exceptions import IncompleteCheckpointException
+
 from egosplat.pipeline import costs
 from egosplat.pipeline.code_hash import code_hash
 from egosplat.pipeline.stages import STAGES
@@ -45,7 +47,12 @@ def configured(stage):
     """Get the inputs that depend on configuration and survey, for the rule to unpack."""
 
     def decided(job):
-        paths = jobs.decided_paths(stage, job)
+        try:
+            paths = jobs.decided_paths(stage, job)
+        except IncompleteCheckpointException as lack:
+            # A plan shows all that may follow. Each of it waits for the survey, and then is evaluated again.
+            paths = jobs.decided_paths(stage, job, possible=True) | {"survey": lack.targetfile}
+            return [*paths.values()]
         if "survey" in paths:
             job.survey  # which is made first
             # Its decisions are parameters of the rule, so a newer file alone must not rerun it.

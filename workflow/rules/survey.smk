@@ -1,5 +1,5 @@
 """
-Survey of a scene: whether it is static, and which frames add views.
+Survey of a scene: whether what moves is masked, and which frames add views.
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. Never annotations.zarr.
 OUTPUTS: survey.json, as src/egosplat/pipeline/schemas/survey.schema.yaml describes it.
@@ -10,7 +10,7 @@ survey reruns only if a decision that it uses has changed; in the run that makes
 
 
 checkpoint survey:
-    """Decide from frames and poses whether the scene is static and which frames to train on."""
+    """Decide from frames and poses whether what moves is masked, and which frames to train on."""
     input:
         frames=shared("frames.zarr"),
         poses=shared("poses.zarr"),

@@ -73,13 +73,13 @@ def learnt_paths(stage: str, job: Job) -> dict[str, str]:
     return {name: path_of(name, job) for name in dag.learnt_from(stage, job.config)}
 
 
-def decided_paths(stage: str, job: Job) -> dict[str, str]:
-    """Get the paths of the other optional inputs, by stage, which the survey may decide."""
-    if not STAGES[stage].optional:
+def decided_paths(stage: str, job: Job, possible: bool = False) -> dict[str, str]:
+    """Get the paths of the other optional inputs, by stage, that the survey decides, or may, if it also decides the frames."""
+    if not STAGES[stage].optional or (possible and not dag.leaves_frames_out(job.config)):
         return {}
     # What moves is tracked by the job that gathers the chunks.
     others = {*dag.learnt_from(stage, job.config), *(["transient"] if job.chunk else [])}
-    names = dag.optional_inputs_of(stage, job.decided)
+    names = dag.optional_inputs_of(stage, job.config if possible else job.decided)
     return {name: path_of(name, job) for name in names if name not in others}
 
 
