@@ -32,7 +32,7 @@ def row(folder: Path) -> dict[str, object]:
     took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)
     return {
         "scene": title_of(folder),
-        "motion": "nothing" if survey["motion"]["static"] else "something",
+        "motion": "left out" if survey["motion"]["masking"] == "none" else "masked",
         "levels": ", ".join(name for name in facts["levels"] if facts["instances"][name]),
         "queried objects": own.document["counts"]["annotated_instances"],
         "frames left out": f"{len(survey['views']['left_out'])} of {survey['poses']['frames']}",
