@@ -42,8 +42,8 @@ class Method:
     def __init__(self, folder: Path, variant: str | None) -> None:
         """Read its Gaussians."""
         self._folder = folder / variant_folder(variant)
-        self.poses = self.open("poses")
         self.splats, self.features = self.open("splats"), self.open("features")
+        self.camera_to_world = camera_poses(self.open("poses"), self.splats)
         self.scene = read_scene(self.splats, self.open("language"), self.features, "auto")
 
     def open(self, name: str) -> Artifact:
@@ -64,7 +64,7 @@ class Method:
     @torch.no_grad()
     def rendered(self, frame: int) -> NDArray[np.float32]:
         """(H, W, D) decoded feature of each pixel at the largest level; 0 where no code is."""
-        scene, pose = self.scene, camera_poses(self.poses, self.splats)[frame]
+        scene, pose = self.scene, self.camera_to_world[frame]
         codes, coverage = render_codes(
             scene.gaussians, scene.code, scene.share, scene.camera, pose, scene.settings
         )
@@ -72,7 +72,7 @@ class Method:
 
     def picture(self, frame: int) -> Picture:
         """Its render."""
-        return self.scene.picture(self.scene.camera, camera_poses(self.poses, self.splats)[frame])
+        return self.scene.picture(self.scene.camera, self.camera_to_world[frame])
 
 
 def colors_of(features: NDArray[np.float32]) -> Colors:

@@ -17,7 +17,7 @@ from benchmarks.common import command, markdown, scene_folders
 from benchmarks.language.__main__ import read as read_learnt
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import Query, find_queries
+from egosplat.evaluation.queries import Query
 from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.language.dominant import lift_instances
 from egosplat.language.lifting import lift
@@ -47,9 +47,7 @@ def read(folder: Path) -> tuple[Asked, dict[str, tuple[Tensor, Tensor]]]:
     options = recorded_options(scored.document["provenance"]["options"])
     scene = open_scored(folder, options)
     evaluation = evaluation_of(scene)
-    asked = {frame.index for frame in evaluation.frames if frame.asked}
-    every = find_queries(evaluation.annotations, evaluation.valid, options)
-    queries = [one for one in every if one.frame in asked]
+    queries = evaluation.find_queries(options)
     asker = scene.asker(sorted({query.category for query in queries}))
     one = lift_instances(learnt.views, learnt.targets)
     ways = {MEANS: lift(learnt.views), ONE: (one.code, one.share)}

@@ -8,7 +8,6 @@ from benchmarks.open_vocabulary.questions import Question, find_questions
 from egosplat.errors import UserError
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import find_queries
 from egosplat.evaluation.scores import Result, ask_of, run_queries
 from egosplat.pipeline.config import Config, stage_values
 from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
@@ -48,7 +47,6 @@ def answer_scene(folder: Path, config: Config) -> list[Answered]:
 
 def _questions(evaluation: Evaluation, config: Config, options: MetricsOptions) -> list[Question]:
     maps = {frame.index: evaluation.map_of(frame) for frame in evaluation.frames if frame.asked}
-    every = find_queries(evaluation.annotations, evaluation.valid, options)
-    queries = [one for one in every if one.frame in maps]
+    queries = evaluation.find_queries(options)
     shares = color_shares(config["synthetic"], evaluation.instances)
     return find_questions(queries, maps, shares, options.min_area)

@@ -18,7 +18,8 @@ from egosplat.artifacts.schemas import (
     camera_poses,
     shown_pixels,
 )
-from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, instances_of
+from egosplat.evaluation.options import ScoringOptions
+from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, find_queries, instances_of
 from egosplat.frames.recording import Instance
 from egosplat.geometry import Array, Camera
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
@@ -75,6 +76,11 @@ class Evaluation:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return np.where(self.valid, self.annotations.row("instance_map", frame.row), np.int32(-1))
 
+    def find_queries(self, options: ScoringOptions) -> list[Query]:
+        """The queries of the frames with a pose: without one there is no view to render, which is no fault of the answer."""
+        every = find_queries(self.annotations, self.valid, options)
+        return [query for query in every if self.frames[query.row].asked]
+
     def rendering_of(self, frame: Frame, picture: Picture | None = None) -> Mapping[str, RegionScore]:
         """Scores of a held-out frame's render, or of another picture: by group if it is annotated, else of all pixels only; empty for
         a training frame and for a frame without a pose."""
@@ -117,8 +123,7 @@ def summarise_rendering(scores: Sequence[Mapping[str, RegionScore]]) -> dict[str
     for name in GROUPS:
         seen = [groups[name] for groups in scores if name in groups and groups[name].pixels]
         ssims = [score.ssim for score in seen if not math.isnan(score.ssim)]
-        psnrs = [score.psnr for score in seen]
-        summary[name] = {"frames": len(seen), "psnr": _mean(psnrs), "ssim": _mean(ssims)}
+        summary[name] = {"frames": len(seen), "psnr": _mean([one.psnr for one in seen]), "ssim": _mean(ssims)}
     return summary
 
 

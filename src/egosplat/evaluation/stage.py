@@ -24,7 +24,7 @@ from egosplat.evaluation.evaluation_frames import (
 from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
-from egosplat.evaluation.queries import GROUPS, find_queries, phrases_to_ask
+from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.gaussians.io import read_exposure
 from egosplat.models.suitability import notice_of_artifacts
@@ -70,9 +70,7 @@ def run(
     models = {key: model["hash"] for key, model in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, used, models)
     evaluation = read_evaluation(frames, poses, annotations, splats, options.held_out)
-    # Without a pose there is no view to render, which is no fault of the answer.
-    asked = {frame.row for frame in evaluation.frames if frame.asked}
-    queries = [one for one in find_queries(annotations, evaluation.valid, options) if one.row in asked]
+    queries = evaluation.find_queries(options)
     asker = scene.asker(phrases_to_ask(queries, evaluation.instances, options))
     ask = ask_of(evaluation, asker, options.masks)
     answered = list(run_queries(queries, ask, annotations, evaluation.valid, options))
@@ -97,8 +95,7 @@ def run(
     }
     if splats.has("held_out/render_given"):
         own = replace(evaluation, renders="held_out/render_given")
-        given = [*map(own.rendering_of, evaluation.frames)]
-        document["rendering_without_corrections"] = summarise_rendering(given)
+        document["rendering_without_corrections"] = summarise_rendering([*map(own.rendering_of, own.frames)])
     if scene.rests is not None:
         document["rendering_without_time"] = summarise_rendering(without_time)
     write_metrics(output, document)

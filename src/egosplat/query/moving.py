@@ -82,11 +82,9 @@ class Tracks:
         meant = words.phrases[int((words.queries @ query.queries[0]).argmax())]
         if meant in STAYING and meant not in WEARER:
             return None
-        others = words.queries[other_meanings(query, words)]
-        texts = torch.cat([query.queries, others])
+        texts = torch.cat([query.queries, words.queries[other_meanings(query, words)]])
         fits = relevancy(self.feature, texts, query.canonical, options.temperature).numpy().astype(np.float64)
-        chosen = fits[:, 0] > np.maximum(fits[:, 1:].max(axis=1, initial=0.0), LEAST_FIT)
-        chosen &= ~self.worn
+        chosen = ~self.worn & (fits[:, 0] > np.maximum(fits[:, 1:].max(axis=1, initial=0.0), LEAST_FIT))
         shown = chosen[self.track]
         if len(np.unique(self.frame[shown])) < _LEAST_VIEWS:
             return None
