@@ -51,8 +51,8 @@ def configured(stage):
             paths = jobs.decided_paths(stage, job)
         except IncompleteCheckpointException as lack:
             # A plan shows all that may follow. Each of it waits for the survey, and then is evaluated again.
-            paths = jobs.decided_paths(stage, job, possible=True) | {"survey": lack.targetfile}
-            return [*paths.values()]
+            paths = jobs.decided_paths(stage, job, possible=True)
+            return [*(paths | {"survey": lack.targetfile}).values()]
         if "survey" in paths:
             job.survey  # which is made first
             # Its decisions are parameters of the rule, so a newer file alone must not rerun it.
