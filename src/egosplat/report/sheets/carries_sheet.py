@@ -73,7 +73,7 @@ def _draw_from_above(
     starts, ends = (histories.read(f"carries/{name}") @ plane.T for name in ("start", "end"))
     # Where one of both is not known, the other alone is drawn.
     starts, ends = np.where(np.isfinite(starts), starts, ends), np.where(np.isfinite(ends), ends, starts)
-    for index in drawn[np.isfinite(ends[drawn]).all(axis=1)]:
+    for index in drawn[np.isfinite(ends[drawn]).all(axis=1)].tolist():
         start, end, color = starts[index], ends[index], colors[index]
         style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", end, start, arrowprops=style | {"connectionstyle": f"arc3,rad={BEND}"})
