@@ -73,10 +73,10 @@ def _draw_from_above(
     starts, ends = (histories.read(f"carries/{name}") @ plane.T for name in ("start", "end"))
     # Where one of both is not known, the other alone is drawn.
     starts, ends = np.where(np.isfinite(starts), starts, ends), np.where(np.isfinite(ends), ends, starts)
-    for index in drawn[np.isfinite(ends[drawn]).all(axis=1)].tolist():
+    for index in drawn[np.isfinite(ends[drawn]).all(axis=1)]:
         start, end, color = starts[index], ends[index], colors[index]
-        style = {"arrowstyle": "-|>", "color": color, "linewidth": 1.8, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", end, start, arrowprops=style | {"connectionstyle": f"arc3,rad={BEND}"})
+        style = {"arrowstyle": "-|>", "connectionstyle": f"arc3,rad={BEND}", "linewidth": 1.8, "shrinkA": 0}
+        axes.annotate("", tuple(end), tuple(start), arrowprops=style | {"shrinkB": 0, "color": color})
         # An arrow does not widen the axes, so its end is a dot without a size.
         axes.scatter(*np.stack([start, end], axis=1), s=(14, 0), color=color)
         x, y = (start + end) / 2 + BEND / 2 * (end - start)[::-1] * (1, -1)
