@@ -44,7 +44,7 @@ def splat(tmp_path):
 def test_the_content_of_the_file_decides_whether_it_is_read_again(one_scene, splat):
     """A transform of nerfstudio that appears beside it counts, too; the time of the file does not."""
     folder, gaussians, path = splat
-    keys = f"splats.source={path} splats.masking=none frames.known_poses=transforms"
+    keys = f"splats.source={path} splats.masking=none segments.track_moving=never frames.known_poses=transforms"
     workdir = one_scene("plain", folder, keys)
     target = f"{SCENE}/splats.zarr"
     language = workdir.stale(f"{SCENE}/language.zarr")
