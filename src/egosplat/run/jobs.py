@@ -150,8 +150,8 @@ def options(stage: str, job: Job) -> str:
 
 def _training_frames(stage: str, job: Job) -> str:
     """Get the digest of the frames that a stage trains on."""
-    leaves_out = dag.leaves_frames_out(job.config)  # else there may be no survey
-    return dag.training_frames(stage, job.config, job.survey) if leaves_out else dag.ALL_FRAMES
+    surveyed = "survey" in dag.optional_inputs_of(stage, job.config)  # else there may be no survey
+    return dag.training_frames(stage, job.config, job.survey) if surveyed else dag.ALL_FRAMES
 
 
 def _recording(stage: str, job: Job) -> str:
