@@ -3,8 +3,9 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from benchmarks.intervals.differences import paired_difference
 from egosplat.errors import UserError
-from egosplat.evaluation.intervals import Clusters, Interval, cluster, paired_difference
+from egosplat.evaluation.intervals import Clusters, Interval, cluster
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import Cell, ScoredScene
 from egosplat_rivals.tables.paper_tables import average

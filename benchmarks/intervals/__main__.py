@@ -14,13 +14,8 @@ import numpy as np
 from scipy import stats
 
 from benchmarks.common import command, markdown
-from egosplat.evaluation.intervals import (
-    Clusters,
-    IntervalOptions,
-    clustered_interval,
-    mean_of_scenes,
-    paired_difference,
-)
+from benchmarks.intervals.differences import paired_difference
+from egosplat.evaluation.intervals import Clusters, IntervalOptions, clustered_interval, mean_of_scenes
 from egosplat.progress import track
 
 # Queries of a category, about as many as in the apartments.

@@ -4,7 +4,7 @@
     python -m benchmarks.presence results/adt/scene{1,2,3,4,5} --fit
 
 Fits the probability that an answer is right, prints how well it holds in scenes that the fit has not seen, each left out in
-turn, and the three grades with it. Without folders, the committed rows are taken. Apartments kept for reporting only never
+turn, and the three grades with it, for readers of whose words different shares are there. Without folders, the committed rows are taken. Apartments kept for reporting only never
 take part in a fit.
 """
 
@@ -12,14 +12,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import click
+import numpy as np
 import pandas as pd
 
 from benchmarks.common import command, markdown
 from benchmarks.presence.fit import (
     EVIDENCE,
-    Limits,
+    at_share,
     brier,
-    choose_limits,
+    errors,
     fit_logistic,
     held_out,
     judged,
@@ -30,8 +31,11 @@ from benchmarks.rows import Rows, collect_page, read_source, rows_option, stamp
 from egosplat.errors import UserError
 from egosplat.evaluation.options import recorded_options
 from egosplat.files import write_text
-from egosplat.query.grades import FITS, held_keys, log_odds, read_fits
+from egosplat.query.grades import FITS, LEAST_FOUND, LEAST_GUESS, held_keys, log_odds, read_fits
 from egosplat_rivals.scored_scenes import FULL, VALIDATION, ScoredScene, read_scored_scene
+
+# Shares of the words of readers that name what is there; the fit's own is near the first.
+SHARES = (0.42, 0.7, 0.9)
 
 # Evidence that the fit is compared with: the log-odds of the score, and the lead alone.
 LESS = (("score",), ("lead",), ("size", "lead"), EVIDENCE, ("score", *EVIDENCE))
@@ -50,29 +54,21 @@ def asked_of(rows: Rows) -> pd.DataFrame:
     return asked
 
 
-def grades_table(asked: pd.DataFrame, p: pd.Series, limits: Limits) -> str:
-    """For each scene, what share of present and of absent things gets which grade, and rightly."""
-    found, guess = p >= limits.found, (p >= limits.guess) & (p < limits.found)
-    table = []
-    for scene in [*asked["scene"].unique(), None]:
-        mine = asked["scene"].eq(scene) if scene else asked["scene"].notna()
-        present, absent = mine & asked["present"].eq(1), mine & asked["present"].eq(0)
-        right = asked["true"].eq(1)
-        shares = [
-            f"{100 * (mask[own]).mean():.0f}"
-            for own, mask in (
-                (present, found),
-                (present, found & right),
-                (present, guess),
-                (present, guess & right),
-                (absent, found),
-                (absent, guess),
-            )
-        ]
-        table.append([scene or "all", int(present.sum()), int(absent.sum()), *shares])
-    kinds = ("found", "rightly", "best guess", "rightly")
-    columns = ["scene", "present", "absent", *kinds, "absent found", "absent guessed"]
-    return markdown(columns, table)
+def shares_table(asked: pd.DataFrame, p: pd.Series) -> str:
+    """What a reader meets of whose words a share is there, by probabilities of the fit and by those for this share."""
+    table, present = [], asked["present"] == 1
+    for share in SHARES:
+        shifted, weight = at_share(p, asked, share)
+        for name, own in (("the fit's", p), ("the reader's", shifted)):
+            told = [own >= least for least in (LEAST_FOUND, LEAST_GUESS)]
+            right = [np.average(asked["true"][one], weights=weight[one]) for one in told]
+            recall = [asked["true"][present & one].sum() / present.sum() for one in told]
+            absent = [(one & ~present).sum() / (~present).sum() for one in told]
+            cells = np.stack([right, recall, absent]).T.ravel()
+            table.append([f"{100 * share:.0f} %", name, *(f"{100 * cell:.0f}" for cell in cells)])
+    kinds = ("right", "of present", "of absent")
+    columns = [*(f"found: {one}" for one in kinds), *(f"with guesses: {one}" for one in kinds)]
+    return markdown(["present", "probabilities", *columns], table)
 
 
 def reliability_table(asked: pd.DataFrame, p: pd.Series) -> str:
@@ -98,19 +94,17 @@ def evidence_table(asked: pd.DataFrame) -> str:
 
 
 def fitted(rows: Rows) -> str:
-    """The limits, and how grades and probabilities hold in scenes left out."""
+    """How grades and probabilities hold in scenes left out."""
     asked = asked_of(rows)
     p = held_out(asked)
-    limits = choose_limits(p, asked)
-    told = f"Limits: found from {limits.found:.2f}, a best guess from {limits.guess:.2f}."
-    return "\n\n".join([told, grades_table(asked, p, limits), reliability_table(asked, p)])
+    return f"{shares_table(asked, p)}\n\n{reliability_table(asked, p)}"
 
 
 def _mean_of_others(asked: pd.DataFrame, own: pd.Series) -> float:
     return float(asked["true"].drop(own.index).mean())
 
 
-def write_fit(scenes: Sequence[ScoredScene], asked: pd.DataFrame, limits: Limits) -> None:
+def write_fit(scenes: Sequence[ScoredScene], asked: pd.DataFrame) -> None:
     """Write the fit on all rows beside the code, in place of that of the same OpenCLIP.
 
     Raises:
@@ -123,8 +117,8 @@ def write_fit(scenes: Sequence[ScoredScene], asked: pd.DataFrame, limits: Limits
         raise UserError("a fit holds for one OpenCLIP and one section query; the scenes have several")
     intercept, *weights = fit_logistic(asked[[*EVIDENCE]].to_numpy(float), asked["true"].to_numpy(float))
     numbers = {"intercept": intercept} | dict(zip(EVIDENCE, weights, strict=True))
+    numbers |= dict(zip(("present_share", "misplaced"), errors(asked), strict=True))
     row = {"clip": clips.pop()} | keys[0] | {name: f"{value:.4f}" for name, value in numbers.items()}
-    row |= {"found": f"{limits.found:.2f}", "guess": f"{limits.guess:.2f}"}
     row |= {"scenes": " ".join(asked["scene"].unique())}
     rows = read_fits() | {row["clip"]: row}
     lines = [[*row], *([one[name] for name in row] for one in rows.values())]
@@ -149,8 +143,7 @@ def main(folders: tuple[Path, ...], fit: bool, rows: Path | None) -> None:
             raise UserError(
                 "--fit takes folders of scenes: their metrics.json tells the OpenCLIP and the keys"
             )
-        limits = choose_limits(held_out(asked), asked)
-        write_fit([read_scored_scene(folder / "metrics.json") for folder in folders], asked, limits)
+        write_fit([read_scored_scene(folder / "metrics.json") for folder in folders], asked)
 
 
 if __name__ == "__main__":

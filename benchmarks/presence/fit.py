@@ -1,14 +1,14 @@
-"""Fit the probability that an answer is right, and the limits of the three grades."""
+"""Fit the probability that an answer is right, and move it to another share of present things."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import expit
+from scipy.special import expit, logit
 
 from benchmarks.rows import EVIDENCE
+from egosplat.query.grades import name_parts, shift_log_odds
 
 # Penalty on the squares of the weights, but for the intercept: it keeps them finite where a scene has no wrong answer.
 RIDGE = 0.1
@@ -16,30 +16,33 @@ RIDGE = 0.1
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Limits:
-    """Least probabilities of the grades ``found`` and ``best guess``."""
-
-    found: float
-    guess: float
-
-
-# At most this share of absent things is found, and at least this share of the best guesses for present things is right.
-ABSENT_FOUND, GUESS_RIGHT = 0.03, 0.5
-
-# Least limits, whatever the data: what is found is more probably right than not, and a guess is right once in four.
-LEAST = Limits(found=0.5, guess=0.25)
-
-
 def judged(rows: pd.DataFrame) -> pd.DataFrame:
     """The queries that tell whether their answer is right, with ``true`` 0 or 1.
 
-    Left out are words that the model was not taught, which never have an answer, and answers that no frame verifies.
+    Left out are words that the model was not taught, which never have an answer, answers that no frame verifies, and as absent
+    things names of parts of present ones, such as "pillow" where a couch has cushions.
     """
-    kept = rows[
-        (rows["untaught"] == 0) & rows["lead"].notna() & ((rows["present"] == 0) | rows["right"].notna())
+    named = {scene: name_parts(own["phrase"]) for scene, own in rows[rows["present"] == 1].groupby("scene")}
+    is_part = [
+        phrase in named.get(scene, ()) for scene, phrase in zip(rows["scene"], rows["phrase"], strict=True)
     ]
+    told = rows["right"].notna() | ((rows["present"] == 0) & ~np.array(is_part, bool))
+    kept = rows[(rows["untaught"] == 0) & rows["lead"].notna() & told]
     return kept.assign(true=kept["right"].astype(float).fillna(0.0) * kept["present"])
+
+
+def errors(rows: pd.DataFrame) -> tuple[float, float]:
+    """The share of queries whose thing is there, and of the wrong answers the share of those to these."""
+    present, wrong = rows["present"] == 1, rows["true"] == 0
+    return float(present.mean()), float(present[wrong].mean())
+
+
+def at_share(p: pd.Series, rows: pd.DataFrame, share: float) -> tuple[pd.Series, pd.Series]:
+    """Probabilities for a reader of whose words a share is there, and what each query counts for him."""
+    own, misplaced = errors(rows)
+    shifted = expit(logit(p) + shift_log_odds(own, misplaced, share))
+    present = rows["present"] == 1
+    return shifted, present * share / own + ~present * (1 - share) / (1 - own)
 
 
 def fit_logistic(x: Floats, y: Floats) -> Floats:
@@ -79,21 +82,6 @@ def log_loss(p: pd.Series, true: pd.Series) -> float:
 def brier(p: pd.Series, true: pd.Series) -> float:
     """Mean squared difference of probability and outcome."""
     return float(((p - true) ** 2).mean())
-
-
-def choose_limits(p: pd.Series, rows: pd.DataFrame) -> Limits:
-    """The least limits, in hundredths, that keep ``ABSENT_FOUND``, ``GUESS_RIGHT`` and ``LEAST``."""
-    steps, present = np.arange(1, 102) / 100, rows["present"] == 1
-    found = next(one for one in steps if one >= LEAST.found and (p[~present] >= one).mean() <= ABSENT_FOUND)
-
-    def is_useful(least: float) -> bool:
-        guessed = rows["true"][present & (p >= least) & (p < found)]
-        return len(guessed) > 0 and guessed.mean() >= GUESS_RIGHT
-
-    return Limits(
-        float(found),
-        float(next((one for one in steps if LEAST.guess <= one < found and is_useful(one)), found)),
-    )
 
 
 def reliability(

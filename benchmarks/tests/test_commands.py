@@ -12,7 +12,6 @@ MORE = (
     "growth.masks",
     "instances.broken_tracks",
     "instances.growth",
-    "language.blends",
     "real_camera.still_masks",
 )
 TOPICS = sorted(path.parent.name for path in (ROOT / "benchmarks").glob("*/__main__.py"))

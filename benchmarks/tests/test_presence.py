@@ -1,4 +1,4 @@
-"""The probability that an answer is right: how it is fitted, and how the limits of its grades are chosen."""
+"""The probability that an answer is right: how it is fitted, and how it moves to other shares of present things."""
 
 from types import SimpleNamespace
 
@@ -8,9 +8,9 @@ import pytest
 
 from benchmarks.presence import __main__ as page
 from benchmarks.presence.fit import (
-    Limits,
+    at_share,
     brier,
-    choose_limits,
+    errors,
     fit_logistic,
     held_out,
     judged,
@@ -23,11 +23,6 @@ from egosplat.query import grades as calibration
 from egosplat.query.grades import Evidence, grading_of, read_fits
 from egosplat.query.options import QueryOptions
 from tests.support.rows import SCENES, some_rows
-
-
-def asked(p: list[float], present: list[int], right: list[int]) -> tuple[pd.Series, pd.DataFrame]:
-    rows = pd.DataFrame({"present": present, "true": np.multiply(present, right)})
-    return pd.Series(p), rows
 
 
 def test_the_weights_are_those_that_made_the_answers():
@@ -51,30 +46,36 @@ def test_a_scene_has_no_part_in_its_own_prediction():
 
 
 def test_what_tells_nothing_of_an_answer_is_left_out():
-    """Words that nobody taught, answers that no frame verifies, and queries without any thing; absent things are wrong."""
+    """Words that nobody taught, answers that no frame verifies, queries without any thing, and parts of what is there; absent things
+    are wrong."""
     rows = pd.DataFrame(
         [
-            (1, 0, 1.0, 0.0),
-            (1, 1, 1.0, 0.0),
-            (1, 0, None, 0.0),
-            (0, 0, None, 0.0),
-            (0, 0, None, None),
-            (0, 1, None, 0.0),
+            ("a", "couch", 1, 0, 1.0, 0.0),
+            ("a", "cup", 1, 1, 1.0, 0.0),
+            ("a", "bed", 1, 0, None, 0.0),
+            ("a", "vase", 0, 0, None, 0.0),
+            ("a", "desk", 0, 0, None, None),
+            ("a", "pot", 0, 1, None, 0.0),
+            ("a", "pillow", 0, 0, None, 0.0),
+            ("b", "pillow", 0, 0, None, 0.0),
         ],
-        columns=["present", "untaught", "right", "lead"],
+        columns=["scene", "phrase", "present", "untaught", "right", "lead"],
     )
-    assert judged(rows)["true"].tolist() == [1.0, 0.0]
+    assert judged(rows)[["phrase", "true"]].values.tolist() == [
+        ["couch", 1.0],
+        ["vase", 0.0],
+        ["pillow", 0.0],
+    ]
 
 
-def test_the_limits_keep_absent_things_out_and_guesses_useful():
-    """One of 40 absent things may be found; of the guesses for present things a third is right from 0.21, half from 0.31."""
-    absent = [0.91] + [0.2] * 38 + [0.64]
-    p, rows = asked([0.9, 0.6, 0.45, 0.3, 0.3, *absent], [1] * 5 + [0] * 40, [1, 1, 0, 0, 0] + [0] * 40)
-    assert choose_limits(p, rows) == Limits(found=0.65, guess=0.31)
-    p, rows = asked([0.9, 0.9, 0.9, 0.3, 0.3, *absent], [1] * 5 + [0] * 40, [1, 1, 0, 0, 0] + [0] * 40)
-    assert choose_limits(p, rows) == Limits(found=0.65, guess=0.65)
-    p, rows = asked([0.9, 0.4, *[0.1] * 40], [1] * 2 + [0] * 40, [1, 1] + [0] * 40)
-    assert choose_limits(p, rows) == Limits(found=0.5, guess=0.25)
+def test_probabilities_hold_at_another_share_of_present_things():
+    """Answers of one score: of 40 on present things 30 are right, of 60 on absent ones none."""
+    rows = pd.DataFrame({"present": [1] * 40 + [0] * 60, "true": [1] * 30 + [0] * 70})
+    p = pd.Series(np.full(100, 0.3))
+    for share in (0.4, 0.7, 0.95, 1.0):
+        shifted, weight = at_share(p, rows, share)
+        np.testing.assert_allclose(shifted, np.average(rows["true"], weights=weight))
+        assert np.average(rows["present"], weights=weight) == pytest.approx(share)
 
 
 def test_curve_and_score_of_probabilities():
@@ -89,14 +90,14 @@ def test_a_fit_is_read_as_it_was_written(tmp_path, monkeypatch):
         monkeypatch.setattr(module, "FITS", tmp_path / "fits.csv")
     (tmp_path / "fits.csv").write_text("clip\n")
     rows = page.asked_of(some_rows())
-    options = QueryOptions()
-
+    own, _ = errors(rows)
+    options = QueryOptions(present_share=own)
     monkeypatch.setattr(page, "recorded_options", lambda _: options)
     try:
         for clip in ("other", "cafe"):
             read_fits.cache_clear()
             document = {"models": {"clip_checkpoint": {"hash": clip}}, "provenance": {"options": {}}}
-            page.write_fit([SimpleNamespace(document=document)] * 2, rows, Limits(0.6, 0.3))
+            page.write_fit([SimpleNamespace(document=document)] * 2, rows)
         read_fits.cache_clear()
         assert set(read_fits()) == {"other", "cafe"}
         found = grading_of("cafe", options).calibration
@@ -107,7 +108,6 @@ def test_a_fit_is_read_as_it_was_written(tmp_path, monkeypatch):
     assert found.probability(Evidence(**values)) == pytest.approx(
         predict(expected, values.to_numpy()[None])[0], abs=1e-3
     )
-    assert (found.found, found.guess) == (0.6, 0.3)
 
 
 def test_validation_apartments_take_no_part():

@@ -15,7 +15,7 @@ from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.query.grades import grading_of, measure_evidence
+from egosplat.query.grades import LEAST_FOUND, LEAST_GUESS, grading_of, measure_evidence
 from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import encode_phrases, encode_texts
@@ -243,10 +243,10 @@ def test_shown_scores_never_contradict_the_verdict_and_a_best_guess_is_shown_as_
     below, above = (float(page.evaluate(shown, score)) for score in (least - 1e-6, least + 1e-6))
     assert below < least <= above
     grading = grading_of(CLIP_HASH, page_options())
-    for limit in (grading.calibration.found, grading.calibration.guess):
+    for limit in (LEAST_FOUND, LEAST_GUESS):
         for value in (limit - 1e-6, limit, limit + 1e-6, limit - 0.006):
             assert page.evaluate("value => egosplat.rating(value)", value) == grading.shown(value)
-    page.evaluate("Object.assign(egosplat.scene.facts.query.calibration, { found: 1.01, guess: 0.0 })")
+    page.evaluate("Object.assign(egosplat.scene.facts.query, { found: 1.01, guess: 0.0 })")
     found = page.evaluate(ASK, "red cup")
     assert found["grade"] == "best guess" and found["things"] and found["why"] is None
     assert "best guess" in page.inner_text("#answer") and "found" not in page.inner_text("#answer")

@@ -204,4 +204,5 @@ def surface_of(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> Su
     radii = scales_of(facts, arrays).max(axis=1).astype(np.float64)
     weight = mean[:, None] * (arrays["code_share"] / 255).T.astype(np.float32)
     means, seen = means_of(facts, arrays).astype(np.float64), np.array(facts["seen_frames"])
-    return Surface(means, find_neighbors(means, radii), shares, weight, seen, facts["levels"])
+    instance = arrays["instance"][-1].astype(np.int32) - 1
+    return Surface(means, find_neighbors(means, radii), shares, weight, seen, facts["levels"], instance)

@@ -143,16 +143,6 @@ def test_language(scene, way):
     assert found["seconds"] > 0 and found["peak_mb"] > 0
 
 
-def test_blends(scene):
-    rows = by_column(run("language.blends", scene))
-    assert len(rows) == 4 and {row["queries"] for row in rows} == {
-        str(recorded(scene)["scores"]["all"]["count"])
-    }
-    # The default way gives the scores of the scene.
-    accuracy = recorded(scene)["scores"]["all"]["accuracy"]
-    assert f"{100 * accuracy:.1f}" in {row["accuracy"] for row in rows}
-
-
 def test_open_vocabulary(scene):
     tiny, table = scene.parents[2] / "tiny.yaml", f"scenes={scene.parents[2] / 'config/scenes.tsv'}"
     said = run("open_vocabulary.__main__", scene, "--configfile", tiny, "--config", table)

@@ -16,7 +16,7 @@ from egosplat.frames.recording import Instance
 from egosplat.gaussians.render import view_of
 from egosplat.query.answers import Thing
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import FOUND, GUESS
+from egosplat.query.grades import FOUND, GUESS, name_parts
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.rasterize.view import composite
 
@@ -30,8 +30,10 @@ LEAST_PIXELS = 4.0
 def presence_phrases(
     queries: Sequence[Query], instances: Sequence[Instance], negatives: Sequence[str]
 ) -> tuple[list[str], list[str]]:
-    """The sorted categories of the queries, and the negatives that are no category of the recording, in their order."""
+    """The sorted categories of the queries, and the negatives that are no category of the recording, nor a part of one, in their
+    order."""
     known = {instance.category for instance in instances}
+    known |= name_parts(known)
     absent = [phrase for phrase in negatives if phrase not in known]
     return sorted({query.category for query in queries}), absent
 
@@ -48,17 +50,16 @@ def ask_presence(
     right = {phrase: is_right(row, names, phrase) for phrase, row in zip(best, shares, strict=True)}
     entries = []
     for index, answer in enumerate(answers):
-        evidence = [*scene.evidence(answer.phrase, answer.candidates)]
+        evidence = answer.candidates[0].evidence if answer.candidates else None
         entries.append(
             {
                 "phrase": answer.phrase,
                 "present": index < len(present),
                 "score": answer.score,
                 "grade": answer.grade,
-                # Something is found, not merely guessed.
                 "answered": answer.grade == FOUND,
                 "probability": answer.probability,
-                "evidence": asdict(evidence[0]) if evidence else None,
+                "evidence": evidence and asdict(evidence),
                 "untaught": bool(answer.untaught),
                 "right": right.get(answer.phrase) if index < len(present) else None,
             }

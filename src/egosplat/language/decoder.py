@@ -5,7 +5,8 @@ between it is the decoder of LangSplat's autoencoder. One layer is a basis with 
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -30,7 +31,7 @@ _WIDE = 64
 
 @dataclass(frozen=True)
 class Decoder:
-    """Weights of a decoder (ValueError: the fields do not agree).
+    """Weights of a decoder.
 
     Attributes:
         widths: channels from the code to the feature, one more than there are layers.
@@ -51,17 +52,22 @@ class Decoder:
         default_factory=dict, init=False, repr=False, compare=False
     )
 
-    def __post_init__(self) -> None:
-        count = len(self.widths) - 1
-        if self.after and (len(self.after) != count or {*self.after} - {*_AFTER} or self.after[-1] != "none"):
-            raise ValueError(
-                f"{count} layers cannot be followed by {self.after}; each takes one of {[*_AFTER]}, the last one none"
-            )
-        for early, late in self.skips:
-            if not 0 <= early < late < count - 1 or self.widths[early + 1] != self.widths[late + 1]:
-                raise ValueError(
-                    f"layer {late} of widths {self.widths} cannot take a skip from layer {early}"
-                )
+    @cached_property
+    def folded(self) -> tuple["Decoder", Tensor | None]:
+        """A decoder to r = min(D, H + 1) channels, where H is the width of the last hidden layer, with the (D, r) float64 basis on which
+        ``project`` puts directions; None for the same decoder. Inner products stay the same for every code."""
+        if len(self.widths) == 1 or self.widths[-2] + 1 >= self.widths[-1]:
+            return self, None
+        # The last layer maps H numbers h to D channels, f = W [h; 1], so f lies in at most H + 1 dimensions. With W = Q R,
+        # where the columns of Q are orthonormal, |f| = |R [h; 1]| and x·f = (Qᵀx)·(R [h; 1]): cosines need r numbers a
+        # pixel, 17 in place of 512 for a linear basis of 16 codes.
+        *before, hidden, channels = self.widths
+        last = channels * (hidden + 1)
+        weights, biases = np.split(self.values[-last:].astype(np.float64), [channels * hidden])
+        q, r = np.linalg.qr(np.column_stack([weights.reshape(channels, hidden), biases]))
+        values = np.concatenate([self.values[:-last], r[:, :hidden].ravel(), r[:, hidden]])
+        folded = replace(self, widths=(*before, hidden, len(r)), values=values.astype(np.float32))
+        return folded, torch.from_numpy(q)
 
     def layers(self, like: Tensor) -> list[tuple[Tensor, Tensor]]:
         """(out, in) weights and (out,) biases of each layer, with dtype and device of ``like``. Raises as ``split_layers``."""
@@ -116,6 +122,13 @@ def _used(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     rows = values.flatten(0, -2)
     used = ((rows.amax(0) != 0) | (rows.amin(0) != 0)).nonzero()[:, 0]
     return values.index_select(-1, used), weights.index_select(1, used)
+
+
+def project(directions: Tensor, basis: Tensor | None) -> Tensor:
+    """(K, r) coordinates of (K, D) directions on the basis of ``Decoder.folded``, usually not of unit norm."""
+    if basis is None:
+        return directions
+    return (directions.double() @ basis.to(directions.device)).to(directions.dtype)
 
 
 def read_decoder(artifact: Artifact) -> Decoder:

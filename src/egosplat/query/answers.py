@@ -13,6 +13,18 @@ from egosplat.query.maps import Map, Mask
 NOTHING = "nothing is visible here"
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """What tells whether a thing is what a query means."""
+
+    # Logarithm of its share of the view that shows it best.
+    size: float
+    # Log-odds of its mean relevancy, less those of the best word of ``words_to_try`` that means something else.
+    lead: float
+    # Its score less the best score of another thing that matches the query; 0 stands for none.
+    apart: float
+
+
 @dataclass(frozen=True, eq=False)
 class Thing:
     """A connected set of Gaussians that match a query at a level of detail; ``members`` are their (M,) int64 indices.
@@ -20,7 +32,8 @@ class Thing:
     Attributes:
         score: 0..1, see ``things.find_things``; above 0.5 it fits better than every canonical phrase.
         center, size: (3,) float64 mean of its Gaussians by visible share, and sides of its box along the axes of the world.
-        frame: the one that shows it best; ``probability`` is that it is what the query means, None without a calibration.
+        frame, share: the one that shows it best, and the share of it that it fills, 0..1.
+        evidence, probability: of that it is what the query means; no probability without a calibration.
     """
 
     score: float
@@ -29,6 +42,8 @@ class Thing:
     size: Array
     frame: int
     members: NDArray[np.int64]
+    share: float = 0.0
+    evidence: Evidence | None = None
     probability: float | None = None
 
     @property
@@ -109,12 +124,7 @@ class Answer:
     view: ViewMatch | None = None
 
     def at(self, second: float) -> Place | None:
-        """Where it was at a time [s since the first frame], by its history; None if it was not carried.
-
-        >>> [cup] = scene.ask("cup")
-        >>> print(cup.at(0.3).told)
-        since 0:00
-        """
+        """Where it was at a time [s since the first frame], by its history; None if it was not carried."""
         return place_at(self.history, second)
 
     @property

@@ -185,7 +185,10 @@ class Scene:
     def surface(self) -> Surface:
         """What the frames show of each Gaussian; measured once for all queries of the whole scene."""
         assert len(self._posed)
-        return read_surface(self.trained, self.poses, self.camera, self.valid)
+        surface = read_surface(self.trained, self.poses, self.camera, self.valid)
+        made = self.made_from.found.get("instances.zarr")
+        placed = made is not None and made.shape("gaussians/xyz")[0] > 0
+        return replace(surface, instance=self.instances[-1]) if placed else surface
 
     @cached_property
     def _posed(self) -> NDArray[np.int64]:
@@ -213,10 +216,6 @@ class Scene:
             keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
         UserError: the OpenCLIP of the features is missing, the view has no pose, or a phrase or a key is not valid.
-
-        >>> [couch] = scene.ask("couch", most=1)
-        >>> print(couch.things[0].level, couch.things[0].center.round(1), "in frame", couch.things[0].frame)
-        whole [-0.5 -0.   2. ] in frame 0
         """
         options = self.options.change_keys(**keys)
         return list(self.answers(phrases, most, self.viewpoint(frame, pose, second), options))
@@ -245,9 +244,10 @@ class Scene:
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""
         [phrase], grading = query.phrases, self.grading(options)
-        if (fit := grading.calibration) is not None and things:
-            chances = map(fit.probability, self.evidence(phrase, things, options))
-            things = [replace(one, probability=each) for one, each in zip(things, chances, strict=True)]
+        fit, compared = grading.calibration, (query, self._words, options.temperature)
+        evidence = grades.measure_evidence(self.trained, self.surface, things, *compared)
+        pairs = zip(things, evidence, strict=True)
+        things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
         coded = bool(things) or bool((self.trained.share > 0).any())
         answer = grades.judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded)
         answer = replace(answer, history=self._history(query, options))
@@ -322,14 +322,6 @@ class Scene:
         """How answers of the whole scene are graded."""
         return grades.grading_of(self.encoded.facts["clip"]["hash"], options or self.options)
 
-    def evidence(
-        self, phrase: str, things: Sequence[Thing], options: QueryOptions | None = None
-    ) -> list[grades.Evidence]:
-        """Measure for each of the best things the evidence that it is what a phrase means."""
-        options = options or self.options
-        texts = self.encode([phrase], options), self._words
-        return grades.measure_evidence(self.trained, self.surface, things, *texts, options.temperature)
-
     @cached_property
     def _words(self) -> Texts:
         """Names of things, which compete with a query."""
@@ -342,10 +334,6 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     Queries follow ``options``, or the defaults of the model, but for ``keys`` of the section ``query``, ``backend``, ``device``
     or ``precision``, such as ``min_score=0.6``. UserError: a key is not valid, or an artifact is missing, damaged or of another
     scene.
-
-    >>> scene = egosplat.open_scene("results/adt/scene1")
-    >>> scene.levels, len(scene.frames), scene.gaussians.count
-    (['part', 'whole'], 5, 700)
     """
     folder = Path(folder)
     artifacts = open_artifacts(folder)

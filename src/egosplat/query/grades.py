@@ -3,7 +3,7 @@ probability that an answer is right (docs/method.md#grades)."""
 
 import csv
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -14,7 +14,7 @@ from torch import Tensor
 
 from egosplat.histories.known import Histories
 from egosplat.histories.told import Carried
-from egosplat.query.answers import Answer, Thing, ViewMatch
+from egosplat.query.answers import Answer, Evidence, Thing, ViewMatch
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
@@ -25,7 +25,11 @@ FOUND, GUESS, MOVING, NOT_FOUND = "found", "best guess", "seen moving", "not fou
 
 NOTHING_LIKE_IT = "not found: nothing here looks like it"
 
-# A row for each OpenCLIP with a fit: its hash, the keys that it holds for, what ``Calibration`` has.
+# Least probabilities of what is found and of a best guess: right in two of three cases at worst, and in one of four.
+LEAST_FOUND, LEAST_GUESS = 2 / 3, 1 / 4
+
+# A row for each OpenCLIP with a fit: its hash, the keys that it holds for, what ``Calibration`` has; and of the queries that it
+# was made with the share whose thing was there, and the share of wrong answers to these among the wrong ones.
 FITS = Path(__file__).with_name("fits.csv")
 
 # Keys of ``query`` that move a thing's score, or are a limit of the user's own: a fit holds for the values it was made with.
@@ -33,6 +37,10 @@ HELD = ("canonical", "temperature", "box_filter", "segmentation_threshold", "min
 
 # Cosine from which a word means what the query means: "fridge" and "refrigerator", "lamp" and "desk lamp".
 SYNONYM = 0.7
+
+# Names of parts by the name of the whole: cushions fit a couch's Gaussians better than "couch", and are no other thing.
+PARTS = {"bookcase": ("shelf",), "bookshelf": ("shelf",), "plant": ("flower", "pot")}
+PARTS |= {seat: ("blanket", "cushion", "pillow") for seat in ("armchair", "bed", "chair", "couch")}
 
 # Relevancy from which a thing may be what a query means: it is as like the query as the most alike canonical phrase.
 LEAST_FIT = 0.5
@@ -42,26 +50,13 @@ _LEAST_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
-class Evidence:
-    """What tells whether a thing is what a query means."""
-
-    # Logarithm of its share of the view that shows it best.
-    size: float
-    # Log-odds of its mean relevancy, less those of the best word of ``words_to_try`` that means something else.
-    lead: float
-    # Its score less the best score of another thing that matches the query; 0 stands for none.
-    apart: float
-
-
-@dataclass(frozen=True)
 class Calibration:
-    """A logistic regression of whether answers were right, by weights of the fields of ``Evidence``, and the least probability of an
-    answer that is found, and of a best guess."""
+    """A logistic regression of whether answers are right, by weights of the fields of ``Evidence``, for a reader of whose words
+    ``present_share`` name what is in the scene."""
 
     intercept: float
     weights: Mapping[str, float]
-    found: float
-    guess: float
+    present_share: float
 
     def probability(self, evidence: Evidence) -> float:
         """Probability that a thing is what the query means."""
@@ -85,10 +80,11 @@ class Grading:
         return "score" if self.calibration is None else "probability"
 
     @property
-    def notice(self) -> str | None:
-        """A line for where no calibration holds."""
-        if self.calibration is not None:
-            return None
+    def notice(self) -> str:
+        """A line on what the grades mean."""
+        if (fit := self.calibration) is not None:
+            share = f"where {fit.present_share:.0%} of the words asked are here (query.present_share)"
+            return f"probabilities {share}: found is right in 2 of 3 cases or more, a best guess in 1 of 4 or more"
         return (
             f"not calibrated: an answer is found from a score of {self._limit}, and there are no best guesses"
         )
@@ -100,10 +96,9 @@ class Grading:
 
     def grade(self, value: float) -> str:
         """Grade a probability, or without a calibration a score."""
-        fit = self.calibration
-        if fit is None:
+        if self.calibration is None:
             return FOUND if value >= self.least else NOT_FOUND
-        return FOUND if value >= fit.found else GUESS if value >= fit.guess else NOT_FOUND
+        return FOUND if value >= LEAST_FOUND else GUESS if value >= LEAST_GUESS else NOT_FOUND
 
     def shown(self, value: float) -> str:
         """A graded number with two decimals, which have its grade also where rounding crosses a limit."""
@@ -130,8 +125,16 @@ def grading_of(clip_hash: str, options: QueryOptions) -> Grading:
     if row is None or held_keys(options) != {name: row[name] for name in HELD}:
         return Grading(None, options.min_score)
     weights = {name: float(row[name]) for name in Evidence.__dataclass_fields__}
-    intercept, found, guess = (float(row[name]) for name in ("intercept", "found", "guess"))
-    return Grading(Calibration(intercept, weights, found, guess), options.min_score)
+    asked, misplaced, own = options.present_share, float(row["misplaced"]), float(row["present_share"])
+    intercept = float(row["intercept"]) + shift_log_odds(own, misplaced, asked)
+    return Grading(Calibration(intercept, weights, asked), options.min_score)
+
+
+def shift_log_odds(own: float, misplaced: float, asked: float) -> float:
+    """What log-odds of a fit gain if a share ``asked`` of queries names what is there, in place of its ``own``: errors on what is absent
+    become rarer by the ratio of the odds; the share ``misplaced``, on what is there, stays."""
+    rarer = (1 - asked) / asked * own / (1 - own)
+    return -math.log(misplaced + (1 - misplaced) * rarer)
 
 
 def held_keys(options: QueryOptions) -> dict[str, str]:
@@ -164,16 +167,31 @@ def measure_evidence(
     texts = Texts(phrases, torch.cat([query.queries, words.queries[others]]), query.canonical)
     scores, measured = [thing.score for thing in things], []
     for row, thing in enumerate(things):
-        shown = float(surface.shares[:, thing.members].sum(axis=1, dtype=np.float64).max())
         lead = _lead(scene, surface, thing, texts, temperature)
         apart = thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)
-        measured.append(Evidence(math.log(max(shown, _LEAST_SHARE)), lead, apart))
+        measured.append(Evidence(math.log(max(thing.share, _LEAST_SHARE)), lead, apart))
     return measured
 
 
 def other_meanings(query: Texts, words: Texts) -> Tensor:
-    """(W,) bool, the words that do not mean the same as the one query."""
-    return words.queries @ query.queries[0] < SYNONYM
+    """(W,) bool, the words that name something else than the one query: no synonym, no kind of it, nor what it is a kind of, as
+    "table" for "side table", and no part of these."""
+    phrase, fits = query.phrases[0].lower(), (words.queries @ query.queries[0]).tolist()
+    kinds = {word for word in words.phrases if is_kind(word, phrase) or is_kind(phrase, word)}
+    alike = kinds | {phrase, *(word for word, fit in zip(words.phrases, fits, strict=True) if fit >= SYNONYM)}
+    alike |= name_parts(alike)
+    return torch.tensor([word not in alike for word in words.phrases], dtype=torch.bool)
+
+
+def is_kind(phrase: str, word: str) -> bool:
+    """Whether a phrase is a word, or names a kind of it by its last words."""
+    return f" {phrase}".endswith(f" {word}")
+
+
+def name_parts(phrases: Iterable[str]) -> set[str]:
+    """Names of the parts of things, see ``PARTS``."""
+    wholes = [whole for whole in PARTS if any(is_kind(phrase, whole) for phrase in phrases)]
+    return {part for whole in wholes for part in PARTS[whole]}
 
 
 def find_history(histories: Histories, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:

@@ -28,7 +28,7 @@ _AT_EDGE, _LEAST_VIEWS = 0.8, 15
 # What stands still has directions that vary less in the world than this share of their variance before the camera.
 _STILL = 0.6
 # Least rating: masks of what moves show parts, and are named worse than things in 3D.
-_LEAST_RATING = 0.8
+_LEAST_RATING = 0.9
 # What no training frame shows for longer than this is gone meanwhile [s].
 _GAP_S = 1.0
 

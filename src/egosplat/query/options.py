@@ -54,6 +54,10 @@ class QueryOptions(Options, section="query"):
     that have none, and with another value than this (docs/method.md#grades). A score of 0.5 means as similar as the
     best canonical phrase. 0 accepts everything. docs/models.md has the value of each set of models."""
 
+    present_share: Annotated[float, Field(gt=0, le=1)] = 0.7
+    """Share of the words asked that name what is in the scene, for which probabilities and grades are told
+    (docs/method.md#grades). Higher, for who asks of what was seen, tells more as found."""
+
     def box_filter_px(self, longer: int) -> int:
         """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""
         return max(1, round(self.box_filter * longer))

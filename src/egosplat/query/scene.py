@@ -1,7 +1,7 @@
 """Trained scenes: Gaussians with their render settings, the codes and instances that queries need, and viewpoints."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +22,8 @@ from egosplat.geometry import Array, Camera, is_rigid
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder, read_scene_decoder
 from egosplat.query.maps import Mask
-from egosplat.query.relevancy import relevancy_maps
-from egosplat.query.text import Texts
+from egosplat.query.relevancy import Kept, relevancy_maps
+from egosplat.query.text import AT_ONCE, Texts
 
 # A Gaussian farther from every Gaussian that instances were merged on, in units of their median distance to these, is in
 # no instance.
@@ -84,11 +84,14 @@ class QueryScene(TrainedScene):
     decoder: Decoder
     levels: Sequence[str]
     maps_only: bool = False
+    _kept: Kept = field(default_factory=dict, init=False)
 
     def relevancy(self, texts: Texts, temperature: float) -> Tensor:
         """(Q, L, N) float32 in [0, 1]: relevancy of each Gaussian's own code to all queries; 0 without a code."""
         # An image of one level, with a row for each Gaussian and a column for each of its codes, as they lie in memory.
-        maps = relevancy_maps(self.code[None], self.share[None] > 0, self.decoder, texts, temperature)
+        seen, few = self.share[None] > 0, self.share.numel() * self.decoder.folded[0].widths[-1] <= AT_ONCE
+        how = texts, temperature, self._kept if few else None
+        maps = relevancy_maps(self.code[None], seen, self.decoder, *how)
         return maps[:, 0].transpose(1, 2).contiguous()
 
 

@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import torch
 from torch import Tensor
@@ -64,7 +65,7 @@ class Texts:
 
 def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str]) -> Texts:
     """Encode queries and canonical phrases as they are, without a prompt template (docs/method.md#query-text)."""
-    return Texts(tuple(phrases), encode_phrases(clip, phrases), encode_phrases(clip, canonical))
+    return Texts(tuple(phrases), encode_phrases(clip, phrases), _encode_canonical(clip, tuple(canonical)))
 
 
 def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
@@ -87,6 +88,9 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
         if not good:
             raise UserError(f"query {phrase!r}: models.clip_checkpoint gives a zero or non-finite feature")
     return torch.from_numpy(unit(features)).float()
+
+
+_encode_canonical = lru_cache(maxsize=1)(encode_phrases)
 
 
 def clean_phrase(phrase: str) -> str:

@@ -53,9 +53,10 @@ class Surface:
 
     Attributes:
         means, touching: (N, 3) float64 centers, and (N, N) neighbors, see ``find_neighbors``.
-        shares: (V, N) float32 share of each view that a Gaussian fills, see ``visible_shares``.
+        shares: (V, N) float32 share of each view that a Gaussian fills, see ``visible_shares``; a Gaussian's lie side by side.
         weight: (N, L) float32 mean of ``shares`` over the views, times the share of the Gaussian with a code.
         frame: (V,) int64 frames of the views.
+        instance: (N,) int32 instance at the coarsest level, -1 for none; None if instances have no place in 3D.
     """
 
     means: Array
@@ -64,6 +65,7 @@ class Surface:
     weight: Floats
     frame: NDArray[np.int64]
     levels: Sequence[str]
+    instance: NDArray[np.int32] | None = None
 
     @cached_property
     def averaging(self) -> tuple[csr_array, ...]:
@@ -81,6 +83,14 @@ class Surface:
         """Visible share of some Gaussians, at the level at which each has most."""
         return self.weight[rows].max(axis=1).sum()
 
+    def instance_of(self, rows: NDArray[np.int64]) -> int:
+        """The instance that has more than half of the visible share of some Gaussians; -1 for none."""
+        if self.instance is None:
+            return -1
+        weight = self.weight[rows].max(axis=1)
+        shares = np.bincount(self.instance[rows] + 1, weight)
+        return int(shares.argmax()) - 1 if shares.max() > 0.5 * weight.sum() else -1
+
 
 def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> Surface:
     """Measure which Gaussians the frames of a recording show, by (F, 4, 4) float64 poses, NaN without one, and find their neighbors;
@@ -94,7 +104,7 @@ def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, vali
     means = gaussians.means.double().cpu().numpy()
     touching = find_neighbors(means, gaussians.scales.amax(dim=1).double().cpu().numpy())
     weight = shares.mean(axis=0)[:, None] * scene.share.cpu().numpy()
-    return Surface(means, touching, shares, weight, frame, scene.levels)
+    return Surface(means, touching, np.asfortranarray(shares), weight, frame, scene.levels)
 
 
 def ask_scene(
@@ -136,11 +146,11 @@ def find_neighbors(means: Array, radii: Array) -> csr_array:
     # A fixed number of neighbors adapts to the density; a radius would join everything in dense regions.
     tree: Any = KDTree(means)
     # In the order of the tree, so that each search finds in the processor's cache what the one before has read.
-    order = tree.indices
+    order = tree.indices.astype(np.int32)
     distance, nearest = tree.query(means[order], k=np.arange(1, count + 1), workers=-1)
     row, column = np.nonzero(distance <= REACH * (radii[order, None] + radii[nearest]))
     ones = np.ones(len(row), np.float32)
-    return csr_array((ones, (order[row], nearest[row, column])), shape=(size, size))
+    return csr_array((ones, (order[row], nearest[row, column].astype(np.int32))), shape=(size, size))
 
 
 def find_things(
@@ -152,13 +162,16 @@ def find_things(
     threshold are split into connected components. ``box_side`` is that of the box filter, as a share of the image's side.
     """
     every = [
-        _thing(surface, values, members, level, box_side)
+        (*_score(surface, values, members, level, box_side), level, members)
         for level, values in enumerate(relevancy)
         for members in _components(surface, values, level, threshold)
     ]
     kept: list[Thing] = []
-    for thing in sorted(every, key=lambda thing: -thing.score):
-        if len(kept) < most and not any(_same(thing, other, surface) for other in kept):
+    for scored in sorted(every, key=lambda scored: -scored[0]):
+        if len(kept) == most:
+            break
+        thing = _thing(surface, *scored)
+        if not any(_same(thing, other, surface) for other in kept):
             kept.append(thing)
     return kept
 
@@ -178,25 +191,26 @@ def _components(surface: Surface, values: Floats, level: int, threshold: float) 
     return [chosen for chosen in sets if len(chosen) >= LEAST_GAUSSIANS]
 
 
-def _thing(
+def _score(
     surface: Surface, values: Floats, members: NDArray[np.int64], level: int, box_side: float
-) -> Thing:
-    weight, means = surface.weight[members, level].astype(np.float64), surface.means[members]
-    total = weight.sum()
+) -> tuple[float, float, int]:
+    """Score of a thing, and the largest share of a view that it fills, with this view, the first of equal ones."""
+    weight = surface.weight[members, level].astype(np.float64)
     shown = surface.shares[:, members].sum(axis=1, dtype=np.float64)
     view = int(shown.argmax())
+    # Mean relevancy times A / (A + a): A is the thing's share of its best view, a the share of LangSplat's box
+    # filter. In an image, that filter lowers the peak of smaller things by the same factor.
+    score = float(weight @ values[members] / weight.sum() * shown[view] / (shown[view] + box_side**2))
+    return score, float(shown[view]), view
+
+
+def _thing(
+    surface: Surface, score: float, share: float, view: int, level: int, members: NDArray[np.int64]
+) -> Thing:
+    weight, means = surface.weight[members, level].astype(np.float64), surface.means[members]
     low, high = np.stack([_quantiles(axis, weight) for axis in means.T], axis=1)
-    return Thing(
-        # Mean relevancy times A / (A + a): A is the thing's share of its best view, a the share of LangSplat's box
-        # filter. In an image, that filter lowers the peak of smaller things by the same factor.
-        score=float(weight @ values[members] / total * shown[view] / (shown[view] + box_side**2)),
-        level=surface.levels[level],
-        center=weight @ means / total,
-        size=high - low,
-        # The first of the views that show as much.
-        frame=int(surface.frame[view]),
-        members=members,
-    )
+    center, frame = weight @ means / weight.sum(), int(surface.frame[view])
+    return Thing(score, surface.levels[level], center, high - low, frame, members, share)
 
 
 def _quantiles(values: Array, weight: Array) -> Array:
@@ -208,6 +222,13 @@ def _quantiles(values: Array, weight: Array) -> Array:
 
 
 def _same(thing: Thing, other: Thing, surface: Surface) -> bool:
+    """Whether two things of one answer are one: they share Gaussians, the box of one holds the middle of the other, or both are of
+    one instance."""
+    apart = np.abs(thing.center - other.center)
+    if any((apart <= one.size / 2).all() for one in (thing, other)):
+        return True
+    if (own := surface.instance_of(thing.members)) >= 0 and own == surface.instance_of(other.members):
+        return True
     common = np.intersect1d(thing.members, other.members, assume_unique=True)
     smaller = min(surface.visible(thing.members), surface.visible(other.members))
     return bool(surface.visible(common) > SAME * smaller)

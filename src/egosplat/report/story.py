@@ -35,6 +35,8 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
         for name, artifact in artifacts.items()
         if name in _NUMBERS
     }
+    alarms = [Alarm(**alarm) for alarm in documents.get("metrics", {"alarms": ()})["alarms"]]
+    scored = [alarm for alarm in alarms if alarm.key.startswith("metrics.")]
     text = render_page(
         "egosplat.report",
         "story.html.j2",
@@ -43,17 +45,11 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
         told=told | documents,
         pictures={name: read_picture(path).address for name, path in given.items() if path.suffix == ".png"},
         costs=[made[name] for name in STAGES if name in made],
-        warnings=_warnings(artifacts, documents),
+        warnings=warnings_of(*artifacts.values()) + warning_lines(None, scored),
         scene=given["scene_page"].read_text(encoding="utf-8") if "scene_page" in given else None,
     )
     write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB")
-
-
-def _warnings(artifacts: dict[str, Artifact], documents: dict[str, Any]) -> list[str]:
-    found = warnings_of(*artifacts.values())
-    alarms = [Alarm(**alarm) for alarm in documents.get("metrics", {"alarms": ()})["alarms"]]
-    return found + warning_lines(None, (alarm for alarm in alarms if alarm.key.startswith("metrics.")))
 
 
 def _frames(frames: Artifact) -> dict[str, Any]:

@@ -17,8 +17,8 @@ from egosplat.histories.known import Histories, Rests
 from egosplat.histories.told import APART, Carried
 from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
+from egosplat.query import grades
 from egosplat.query.finished_scene import Scene, scene_of
-from egosplat.query.grades import LEAST_FIT, SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.gaussians import (
@@ -96,11 +96,13 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
 def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     """Facts of the scene, and the constants of queries, which ``source/answer.js`` has no values of its own for."""
     settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
-    calibration = scene.grading(options).calibration
+    grading = scene.grading(options)
     raster = {"margin": FRUSTUM_MARGIN, "blur": Arguments.__dataclass_fields__["eps2d"].default}
     keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
-    limits = {"calibration": calibration and asdict(calibration), "nearest": NEAREST, "reach": REACH}
-    limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "synonym": SYNONYM, "apart": APART, "fits": LEAST_FIT}
+    limits = {"calibration": grading.calibration and asdict(grading.calibration), "notice": grading.notice}
+    limits |= {"found": grades.LEAST_FOUND, "guess": grades.LEAST_GUESS, "nearest": NEAREST, "reach": REACH}
+    limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "apart": APART, "fits": grades.LEAST_FIT}
+    limits |= {"synonym": grades.SYNONYM, "parts": grades.PARTS}
     return {
         "origin": joint_origin(scene.given),
         "recording": scene.artifact("frames").facts["recording"],

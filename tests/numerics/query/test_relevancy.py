@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from egosplat.language.decoder import Decoder
 from egosplat.query.options import LANGSPLAT, QueryOptions
-from egosplat.query.relevancy import fold, relevancy, relevancy_maps
+from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.text import Texts
 
 WIDTH = 512
@@ -108,7 +108,7 @@ def test_folded_decoders(measured, exponent, seed):
     features = torch.nn.functional.normalize(codes.double().reshape(16, 8) @ weights.T + biases, dim=-1)
     truth = papers(features, texts.queries, texts.canonical, 10.0).T.reshape(found.shape)
     measured(float((found - truth).abs().max()))
-    assert fold(decoder, texts.queries)[0].widths == (8, 9)
+    assert decoder.folded[0].widths == (8, 9)
 
 
 @pytest.mark.numerics("rendered codes with one NaN or infinity", outside="ValueError")

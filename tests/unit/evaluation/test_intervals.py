@@ -5,13 +5,13 @@ from itertools import product
 import numpy as np
 import pytest
 
+from benchmarks.intervals.differences import paired_difference
 from egosplat.evaluation.intervals import (
     Clusters,
     IntervalOptions,
     cluster,
     clustered_interval,
     mean_of_scenes,
-    paired_difference,
 )
 
 OPTIONS = IntervalOptions(confidence=0.95, resamples=2000, seed=0)

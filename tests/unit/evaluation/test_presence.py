@@ -13,8 +13,6 @@ NAMES = ["couch", "cup"]
 @pytest.mark.parametrize(
     "present, absent, area",
     [
-        ([0.9, 0.8], [0.1, 0.2], 1.0),
-        ([0.1, 0.2], [0.9, 0.8], 0.0),
         ([0.5, 0.5], [0.5], 0.5),
         ([0.9, 0.3], [0.5, 0.1], 0.75),
     ],
@@ -37,13 +35,13 @@ def test_an_answer_is_right_if_most_of_it_is_the_category(shares, category, righ
     assert is_right(np.array(shares), NAMES, category) is right
 
 
-def test_phrases_of_the_recording_are_no_negatives():
+def test_phrases_of_the_recording_and_of_its_parts_are_no_negatives():
     # No evaluation frame shows the bed.
     instances = [
         Instance(number, name, name, "static", "object") for number, name in enumerate(("couch", "bed"))
     ]
     queries = [Query(0, 0, "couch", {"all": (0,)}), Query(1, 4, "couch", {"all": (0,)})]
-    assert presence_phrases(queries, instances, ["bed", "piano", "couch"]) == (["couch"], ["piano"])
+    assert presence_phrases(queries, instances, ["bed", "piano", "couch", "pillow"]) == (["couch"], ["piano"])
 
 
 def test_the_entry_counts_answers():

@@ -63,18 +63,6 @@ def test_channels_that_are_zero_are_left_out_without_a_difference(after):
         torch.testing.assert_close(found, decode(part, decoder))
 
 
-@pytest.mark.parametrize(
-    "fields",
-    [
-        *({"after": after} for after in (("relu",), ("relu",) * 3, ("tanh", "relu", "none"))),
-        *({"skips": (skip,)} for skip in ((0, 2), (1, 0), (-1, 1))),
-    ],
-)
-def test_fields_that_do_not_agree_are_rejected(fields):
-    with pytest.raises(ValueError):
-        chain(EYE, EYE, EYE, **fields)
-
-
 def test_metadata_names_every_field():
     fields = {"after": ["relu", "softmax", "none"], "unit_input": True, "skips": [[0, 1]]}
     decoder = chain(EYE, EYE, EYE, after=("relu", "softmax", "none"), unit_input=True, skips=((0, 1),))

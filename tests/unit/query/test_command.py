@@ -33,11 +33,13 @@ def query(monkeypatch, capfd):
 
 @pytest.fixture
 def fitted(monkeypatch):
-    """``fitted(found=..., guess=...)``: the bundled OpenCLIP has a fit of the lead over other words with these limits."""
+    """``fitted(found=..., guess=...)``: the bundled OpenCLIP has a fit of the lead over other words, and grades these limits."""
 
     def fit(found: float, guess: float = 0.3) -> None:
         row = held_keys(QueryOptions()) | {"intercept": "0", "size": "0", "lead": "1", "apart": "0"}
-        row |= {"found": str(found), "guess": str(guess)}
+        row |= {"present_share": "0.7", "misplaced": "0"}
+        monkeypatch.setattr(calibration, "LEAST_FOUND", found)
+        monkeypatch.setattr(calibration, "LEAST_GUESS", guess)
         digest = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
         monkeypatch.setattr(calibration, "read_fits", lambda: {digest: row})
 
@@ -70,7 +72,8 @@ def test_the_whole_scene_is_answered_in_3d(word_scene, query, fitted):
     fitted(found=0.6)
     status, out, err = query(folder, "couch", "cup")
     assert status == 0, err
-    title, header, couch, cup, picture = out.splitlines()
+    title, told, header, couch, cup, picture = out.splitlines()
+    assert "70%" in told and "query.present_share" in told
     assert title == f"{folder}, the whole scene, origin synthetic"
     assert columns(header) == ["query", "answer", "probability", "level", "center [m]", "size [m]", "frame"]
     for line, words, side in ((couch, "couch", -1), (cup, "cup", 1)):
@@ -105,7 +108,7 @@ def test_a_best_guess_has_its_place_and_not_found_has_none(word_scene, query, fi
         fitted(found, guess)
         status, out, err = query(folder, "cup", "basketball", "--overwrite")
         assert status == 0, err
-        for line, grade in zip(map(columns, out.splitlines()[2:4]), grades, strict=True):
+        for line, grade in zip(map(columns, out.splitlines()[3:5]), grades, strict=True):
             assert line[1].startswith(grade) and (len(line) == 7) is (grade != "not found")
         answers = open_scene(folder, device="cpu").ask("cup", "basketball")
         assert [one.grade for one in answers] == grades
@@ -194,6 +197,7 @@ def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
         (["cup", "--frame", "4"], "frame 4: there are 4 frames, 0 to 3"),
         (["cup", "--set", "canonical=[]"], "query.canonical"),
         (["cup", "--min-score", "2"], "query.min_score"),
+        (["cup", "--set", "present_share=0"], "query.present_share"),
         (["another"], "was made with another OpenCLIP"),
         ([], "PHRASES"),
     ],

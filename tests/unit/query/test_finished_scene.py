@@ -12,12 +12,10 @@ import pytest
 import egosplat
 from egosplat.artifacts import reader
 from egosplat.errors import UserError
-from egosplat.query import finished_scene
 from tests.support.page_scene import put_histories
 
 ROOT = Path(__file__).resolve().parents[3]
 SHEET = dict.fromkeys(("frames", "annotations", "poses", "output"), "f")
-NORMALIZED = doctest.NORMALIZE_WHITESPACE
 
 
 @pytest.fixture(scope="module")
@@ -36,15 +34,10 @@ def work(results, monkeypatch) -> Path:
 
 def test_the_page_of_the_library_runs_as_it_is(work):
     page = str(ROOT / "docs/python.md")
-    failed, tried = doctest.testfile(page, module_relative=False, optionflags=NORMALIZED)
+    how = {"module_relative": False, "optionflags": doctest.NORMALIZE_WHITESPACE}
+    failed, tried = doctest.testfile(page, **how)
     assert tried > 20 and not failed
     assert (work / "couch.ply").is_file() and (work / "splats.zarr").is_dir()
-
-
-def test_examples_of_the_functions_run(work):
-    globs = {"egosplat": egosplat, "scene": egosplat.open_scene("results/adt/scene1")}
-    failed, tried = doctest.testmod(finished_scene, globs=globs, extraglobs=None, optionflags=NORMALIZED)
-    assert tried and not failed
 
 
 def test_opening_reads_no_array_and_writes_nothing(work, monkeypatch):

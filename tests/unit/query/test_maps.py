@@ -21,12 +21,6 @@ def everywhere(maps: np.ndarray) -> np.ndarray:
     return np.ones_like(maps, bool)
 
 
-def test_scaled_and_shifted_maps_say_the_same():
-    maps = np.random.default_rng(1).random((3, SIZE, SIZE)).astype(np.float32)
-    (place, (_, mask)), (other_place, (_, other_mask)) = find(maps), find(0.25 * maps + 0.5)
-    assert place[2] == other_place[2] and (mask != other_mask).mean() < 0.01
-
-
 @pytest.mark.parametrize("share", [0.0, 0.25, 0.7])
 def test_a_threshold_lies_between_the_least_and_the_largest_relevancy_of_its_level(share):
     maps = np.full((2, SIZE, SIZE), 0.5, np.float32)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.language.decoder import Decoder, decode
+from egosplat.language.decoder import Decoder, decode, project
 from egosplat.query import relevancy as module
-from egosplat.query.relevancy import fold, relevancy, relevancy_maps
+from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.text import Texts
 
 
@@ -42,7 +42,8 @@ def decoder(*widths: int, scale: float = 1.0) -> Decoder:
 def test_folding_changes_no_cosine(widths, folded, scale):
     codes, directions = unit(50, widths[0], seed=1), unit(6, widths[-1], seed=2)
     whole = decoder(*widths, scale=scale)
-    small, projected = fold(whole, directions)
+    small, basis = whole.folded
+    projected = project(directions, basis)
     assert small.widths == folded and projected.shape == (6, folded[-1]) and projected.dtype == torch.float32
     expected = decode(codes, whole) @ directions.T
     torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-6)
@@ -54,7 +55,8 @@ def test_folding_keeps_what_stands_before_the_last_layer():
     before = ("relu", "relu", "softmax", "none")
     whole = replace(decoder(3, 8, 8, 16, 64), after=before, unit_input=True, skips=((0, 1),))
     codes, directions = torch.randn(50, 3), torch.randn(6, 64)
-    small, projected = fold(whole, directions)
+    small, basis = whole.folded
+    projected = project(directions, basis)
     assert small.widths == (3, 8, 8, 16, 17) and (small.after, small.skips) == (before, ((0, 1),))
     expected = decode(codes, whole) @ directions.T
     torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-5)
@@ -63,5 +65,5 @@ def test_folding_keeps_what_stands_before_the_last_layer():
 
 @pytest.mark.parametrize("widths", [(4,), (4, 5), (4, 3), (3, 8, 9)])
 def test_folding_is_skipped_if_it_saves_nothing(widths):
-    whole, directions = decoder(*widths), torch.ones(2, widths[-1])
-    assert fold(whole, directions) == (whole, directions)
+    whole = decoder(*widths)
+    assert whole.folded == (whole, None)

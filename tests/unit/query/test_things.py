@@ -1,5 +1,7 @@
 """Things in 3D: connected Gaussians that fit a query, told apart, and the views that show them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -33,12 +35,12 @@ def patch(x: float, side: int = 6) -> np.ndarray:
     return np.stack(np.meshgrid(along + x, along, [0.0]), axis=-1).reshape(-1, 3)
 
 
-def of_points(means, radii, shown=None, levels: int = 1) -> Surface:
+def of_points(means, radii, shown=None, levels: int = 1, instance=None) -> Surface:
     """A surface whose views are frames 0, 10, 20 ..., by default one that shows each Gaussian in a thousandth of it."""
     shares = np.float32(np.full((1, len(means)), 1e-3) if shown is None else shown)
     weight = np.repeat(shares.mean(axis=0)[:, None], levels, axis=1)
     frames = 10 * np.arange(len(shares))
-    return Surface(means, find_neighbors(means, radii), shares, weight, frames, "abc"[:levels])
+    return Surface(means, find_neighbors(means, radii), shares, weight, frames, "abc"[:levels], instance)
 
 
 def surface(*lefts: float, levels: int = 1, shown: np.ndarray | None = None) -> Surface:
@@ -71,6 +73,19 @@ def test_a_speck_is_no_thing_and_one_thing_at_two_levels_is_named_once():
     values[0, 36:38] = 1.0
     (thing,) = find_things(home, values, 0.4, 0.0, 3)
     assert thing.level == "a" and thing.score == pytest.approx(0.8) and len(thing.members) == 36
+
+
+def test_one_thing_is_told_once():
+    home = surface(0.0, 1.5, 3.0)
+    values = relevancy(home, 0.9, 0.1, 0.85)
+    for owners, count in (((4, 4, 4), 1), ((4, 5, 5), 2), ((-1, -1, -1), 2)):
+        owned = replace(home, instance=np.repeat(np.int32(owners), 36))
+        assert len(find_things(owned, values, 0.7, 0.0, 3)) == count
+    # A frame of four sides around a patch.
+    ring = np.concatenate([patch(0.0, 20), patch(0.7, 6) + [0, 0.7, 0]])
+    inner = (np.abs(ring[:400] - [0.95, 0.95, 0])[:, :2] < 0.6).all(axis=1)
+    values = np.float32(np.r_[np.where(inner, 0.1, 0.9), np.full(36, 0.85)])[None]
+    assert len(find_things(of_points(ring, np.full(len(ring), 0.03)), values, 0.7, 0.0, 3)) == 1
 
 
 def test_what_no_view_shows_is_not_found():
@@ -130,6 +145,13 @@ def test_each_word_finds_its_half(scene, texts, monkeypatch):
     monkeypatch.setattr(text, "AT_ONCE", 1)
     parts = [found[0].score for found in ask_scene(*scene, texts, LANGSPLAT, 1)]
     np.testing.assert_allclose(parts, [one.score for one in whole], rtol=1e-5)
+
+
+def test_what_was_decoded_once_answers_as_if_anew(scene, texts):
+    kept, other = scene[0], replace(texts, canonical=texts.queries[:1])
+    for asked in (texts, texts, other, texts):
+        assert torch.equal(kept.relevancy(asked, 10.0), replace(kept).relevancy(asked, 10.0))
+    assert len(kept._kept) == 1
 
 
 @pytest.mark.parametrize("valid", [True, False])

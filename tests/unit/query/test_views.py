@@ -172,7 +172,7 @@ def test_a_gaussian_counts_in_a_mask_by_its_share_and_equal_relevancies_have_no_
     layered.share[0, 1] = 1.0
     # A blend of equal values differs from them by rounding.
     layered.code[:] = torch.tensor([0.6, 0.8, 0.0, 0.0])
-    for answer in ask(layered, LANGSPLAT.change(segmentation_threshold=0.0)):
+    for answer in ask(replace(layered), LANGSPLAT.change(segmentation_threshold=0.0)):
         assert answer.score > 0.5 and not answer.mask.any()
 
 

@@ -22,7 +22,7 @@ GRADES = (FOUND, GUESS, NOT_FOUND)
 def told_in_the_terminal(scene, words, output):
     """The grade of each word, and the frame of each thing that is listed."""
     table, found, word = next(run(scene, words, None, 3, output)), {}, ""
-    for line in table.splitlines()[2:]:
+    for line in table.splitlines()[3:]:
         cells = [cell.strip() for cell in line.split("  ") if cell.strip()]
         if cells[0] in words:
             word = cells.pop(0)

@@ -126,7 +126,12 @@ function extent(scene, weight, members, axis) {
   return at(0.98) - at(0.02);
 }
 
+// Whether two things are one: they share Gaussians, the box of one holds the middle of the other, or both are of one instance.
 function areSame(scene, one, other) {
+  const apart = one.center.map((value, axis) => 2 * Math.abs(value - other.center[axis]));
+  if ([one, other].some(({ size }) => size.every((side, axis) => apart[axis] <= side))) return true;
+  const own = instanceOf(scene, one);
+  if (own && own === instanceOf(scene, other)) return true;
   const weight = (members) =>
     members.reduce((sum, member) => sum + Math.max(...scene.weights.map((level) => level[member])), 0);
   const mine = new Set(one.members);
@@ -134,11 +139,34 @@ function areSame(scene, one, other) {
   return common > scene.facts.query.same * Math.min(weight(one.members), weight(other.members));
 }
 
+// The instance of the coarsest level that has more than half of a thing; 0 for none.
+function instanceOf(scene, { members }) {
+  const shares = new Map(), numbers = scene.instance?.at(-1);
+  if (!numbers) return 0;
+  let total = 0;
+  for (const one of members) {
+    const weight = Math.max(...scene.weights.map((level) => level[one]));
+    shares.set(numbers[one], (shares.get(numbers[one]) ?? 0) + weight);
+    total += weight;
+  }
+  return [...shares].find(([, share]) => share > 0.5 * total)?.[0] ?? 0;
+}
+
+// Which words of the list name something else than a phrase: no synonym, no kind of it nor what it is a kind of, and no part of these.
+function otherMeanings(scene, phrase, vector) {
+  const { words, query } = scene.facts, isKind = (one, word) => ` ${one}`.endsWith(` ${word}`);
+  phrase = phrase.normalize("NFKC").toLowerCase();
+  const alike = [phrase, ...words.filter((word, number) =>
+    dot(scene.wordVectors[number], 0, vector) >= query.synonym || isKind(phrase, word) || isKind(word, phrase))];
+  const parts = Object.entries(query.parts).flatMap(([whole, names]) => (alike.some((one) => isKind(one, whole)) ? names : []));
+  return words.map((word) => !alike.includes(word) && !parts.includes(word));
+}
+
 // Grades: egosplat/query/grades.py. What a thing is graded by is its probability, or without a calibration its score.
-function ratingOf(scene, thing, things, vector) {
-  const { calibration, synonym } = scene.facts.query;
+function ratingOf(scene, thing, things, others) {
+  const { calibration } = scene.facts.query;
   if (!calibration) return thing.score;
-  const fits = scene.wordVectors.map((word, number) => (dot(word, 0, vector) < synonym ? logOdds(wordFit(scene, thing, number)) : -Infinity));
+  const fits = others.map((isOther, number) => (isOther ? logOdds(wordFit(scene, thing, number)) : -Infinity));
   const best = Math.max(...fits), fit = logOdds(thing.relevancy);
   const next = Math.max(0, ...things.filter((other) => other !== thing).map((other) => other.score));
   const evidence = { apart: thing.score - next, size: Math.log(Math.max(thing.share, 1e-9)), lead: fit - (best > -Infinity ? best : 0) };
@@ -163,14 +191,14 @@ function logOdds(p) {
 }
 
 function gradeOf(scene, rating) {
-  const { calibration, min_score } = scene.facts.query, { found, guess } = calibration ?? { found: min_score, guess: min_score };
+  const { calibration, min_score, ...limits } = scene.facts.query, { found, guess } = calibration ? limits : { found: min_score, guess: min_score };
   return rating >= found ? "found" : rating >= guess ? "best guess" : "not found";
 }
 
 // The verdict on a phrase that is not on the page's list, where no server judges it: egosplat/query/grades.py on the page's data.
-function judge(scene, neighbors, relevancy, vector) {
-  const things = findThings(scene, neighbors, relevancy, 3), [best] = things;
-  for (const thing of things) thing.rating = ratingOf(scene, thing, things, vector);
+function judge(scene, neighbors, relevancy, phrase, vector) {
+  const things = findThings(scene, neighbors, relevancy, 3), [best] = things, others = otherMeanings(scene, phrase, vector);
+  for (const thing of things) thing.rating = ratingOf(scene, thing, things, others);
   const grade = best ? gradeOf(scene, best.rating) : "not found", { min_score, calibration } = scene.facts.query;
   const shown = grade === "not found" ? [] : things.filter((thing) => gradeOf(scene, thing.rating) === grade);
   const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;

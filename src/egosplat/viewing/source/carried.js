@@ -1,12 +1,12 @@
 // What was carried from where to where: egosplat/histories/told.py and egosplat/query/grades.py.
 
 // The carries of the thing that fits a query best, in the order of time.
-function historyOf(scene, vector) {
-  const { carriedThings, carriedVectors, facts } = scene, { synonym, temperature, fits } = facts.query;
+function historyOf(scene, phrase, vector) {
+  const { carriedThings, carriedVectors, facts } = scene, { temperature, fits } = facts.query, isOther = otherMeanings(scene, phrase, vector);
   const meant = scene.wordVectors.map((word) => dot(word, 0, vector));
   // What stays is not carried.
   if (!facts.carried[meant.indexOf(Math.max(...meant))]) return [];
-  const others = scene.wordVectors.filter((_, number) => facts.carried[number] && meant[number] < synonym);
+  const others = scene.wordVectors.filter((_, number) => facts.carried[number] && isOther[number]);
   const scores = carriedVectors.map((feature) => {
     const own = dot(feature, 0, vector), usual = Math.max(...scene.canonical.map((phrase) => dot(feature, 0, phrase)));
     const named = feature.some((value) => value !== 0) && others.every((word) => dot(feature, 0, word) < own);

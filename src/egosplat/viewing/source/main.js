@@ -46,6 +46,7 @@ class Page {
     for (const word of facts.words) $("vocabulary").append(element("option", "", { value: word }));
     facts.levels.forEach((name, level) => $("level").append(element("option", LEVELS[name] ?? name, { value: String(level) })));
     $("level").value = String(this.showing.level);
+    $("answer").title = facts.query.notice;
     $("frame").max = String(facts.frames.length - 1);
     $("instances").disabled = !this.scene.instance;
     $("threshold").value = String(this.showing.threshold);
@@ -56,6 +57,7 @@ class Page {
       Gaussians: facts.count < facts.trained_count ? `${number} of ${all}: those that cover most` : number,
       Checkpoints: facts.checkpoints.join("; "),
       Words: this.tower ? "any; the text model is in this file" : document.documentElement.dataset.asking ? "any; egosplat view answers them" : `only the ${facts.words.length} of the list: the text model is too large for this file`,
+      Answers: facts.query.notice,
       Lengths: facts.unit,
       "Made by": `egosplat ${facts.version}`,
     };
@@ -221,11 +223,11 @@ class Page {
     this.sought = null;
     const neighbors = await this.neighbors;
     if (question !== this.questions) return null;
-    const { level, ...judged } = answer ?? judge(this.scene, neighbors, relevancy, vector), [best] = judged.things;
+    const { level, ...judged } = answer ?? judge(this.scene, neighbors, relevancy, phrase, vector), [best] = judged.things;
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
     this.mark = best ? { point: best.center, text: this.markOf(phrase, best) } : null;
-    this.tellHistory(phrase, historyOf(this.scene, vector), judged.moving?.spans.map(([from, until]) => ({ from, until })));
+    this.tellHistory(phrase, historyOf(this.scene, phrase, vector), judged.moving?.spans.map(([from, until]) => ({ from, until })));
     this.show({ relevancy, level: level ?? this.showing.level, instances: false });
     // What moves is masked: a carried thing is found nowhere, and yet known.
     const carried = judged.why && this.history && !judged.moving;
