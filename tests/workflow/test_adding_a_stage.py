@@ -16,7 +16,7 @@ from tests.support.scenes import put
 PAGE = ROOT / "docs/adding_a_stage.md"
 CODE = {
     "src/egosplat/frames/brightness_stage.py",
-    "src/egosplat/pipeline/stages.py",
+    "src/egosplat/pipeline/stages.toml",
     "src/egosplat/frames/options.py",
     "workflow/rules/frames.smk",
 }

@@ -143,13 +143,6 @@ def test_language(scene, way):
     assert found["seconds"] > 0 and found["peak_mb"] > 0
 
 
-def test_open_vocabulary(scene):
-    tiny, table = scene.parents[2] / "tiny.yaml", f"scenes={scene.parents[2] / 'config/scenes.tsv'}"
-    said = run("open_vocabulary.__main__", scene, "--configfile", tiny, "--config", table)
-    rows = by_column(said)
-    assert int(rows[0]["queries"]) == recorded(scene)["scores"]["all"]["count"]
-
-
 def test_presence(scene, tmp_path):
     other = tmp_path / "results" / "adt" / "other"
     other.mkdir(parents=True)

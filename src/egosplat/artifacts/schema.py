@@ -5,7 +5,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from textwrap import dedent
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -126,17 +126,18 @@ class Schema:
     fields: Mapping[str, Field]
 
 
-def table(text: str) -> Schema:
-    """Read a schema from a table.
+def read_table(name: str) -> Schema:
+    """Read a schema from its table, ``tables/NAME.txt``.
 
     The first line has name and version, each other one an array: ``name | type and axes, rules | unit | about``, and what is
     indented below it continues it. A rule is a kind of values, ``index of AXIS``, ``-1 or index of AXIS``,
     ``from N to N``, ``by row``, ``by N rows`` or ``optional``, as in ``Values`` and ``Field``.
     """
-    first, *rows = re.sub(r"\n +", " ", dedent(text).strip()).splitlines()
-    name, _, version = first.split()
+    text = (Path(__file__).with_name("tables") / f"{name}.txt").read_text(encoding="utf-8")
+    first, *rows = re.sub(r"\n +", " ", text.strip()).splitlines()
+    version = first.split()[-1]
     cells = ([cell.strip() for cell in row.split(" | ")] for row in rows)
-    return Schema(name.strip(","), int(version), {row[0]: _read_field(*row[1:]) for row in cells})
+    return Schema(name, int(version), {row[0]: _read_field(*row[1:]) for row in cells})
 
 
 def _read_field(array: str, unit: str, about: str) -> Field:

@@ -44,7 +44,7 @@ def ask_presence(
     """Query the whole scene for present and for absent things, see ``presence_phrases``: an entry of ``metrics.json`` each."""
     if not (phrases := [*present, *absent]):
         return []
-    answers = scene.ask(*phrases, most=1)
+    answers = list(scene.answers(phrases, most=1))
     best = {answer.phrase: answer.candidates[0] for answer in answers[: len(present)] if answer.candidates}
     shares, names = annotated_shares(scene.trained, list(best.values()), evaluation)
     right = {phrase: is_right(row, names, phrase) for phrase, row in zip(best, shares, strict=True)}

@@ -54,7 +54,7 @@ def export_gaussians(folder: Path, output: Path, members: Tensor | None, *, code
 
 def answer_members(scene: Scene, phrase: str) -> Tensor:
     """Indices of the Gaussians of the best answer to a query of the whole scene (UserError: there is none, or as ``Scene.ask``)."""
-    [answer] = scene.ask(phrase, most=1)
+    answer = scene.ask(phrase, most=1)[0]
     if answer.refusal:
         raise UserError(f"{scene.folder}: {phrase!r} is not exported, {answer.refusal}")
     if answer.grade == GUESS:

@@ -20,7 +20,6 @@ from egosplat.query.answers import Answer, Thing
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import GUESS
 from egosplat.query.scene import QueryScene, rendering_camera
-from egosplat.query.text import clean_phrase
 
 # Largest number of views on the way to an answer, steps in which it lights up, and times of a step and of an answer [ms].
 _STEPS, _LIGHTS, _STEP_MS, _ANSWER_MS = 16, 4, 90, 1800
@@ -35,10 +34,10 @@ _HOT, _STRENGTH, _DIM = (195.0, 37.0, 3.0), 0.75, 0.6
 def run(scene: Scene, phrases: Sequence[str], output: Path, side: int) -> None:
     """Ask a scene one phrase or more, and write a moving picture of the answers as WebP, ``side`` px on its
     longer side (UserError: no query has an answer; also as ``Scene.ask``)."""
-    answers = scene.ask(*map(clean_phrase, phrases), most=1)
+    answers = scene.ask(*phrases, most=1)
     for answer in answers:
         if answer.refusal:
-            log(f"{answer.phrase!r} is left out: {answer.refusal}")
+            log(f"{answer.asked!r} is left out: {answer.refusal}")
     shown = [answer for answer in answers if answer.things]
     if not shown:
         raise UserError(f"{scene.folder}: no query has an answer to show")
@@ -65,7 +64,7 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
         plain, lit = picture(scene.trained, thing.frame), picture(_lit(scene.trained, thing), thing.frame)
         said = f"best guess, {grading.measure}" if answer.grade == GUESS else grading.measure
         size = " x ".join(f"{length:.2f}" for length in thing.size)
-        text = f'"{answer.phrase}"   {size} {scene.unit}   {said} {grading.shown(answer.rating)}'
+        text = f'"{answer.asked}"   {size} {scene.unit}   {said} {grading.shown(answer.rating)}'
         for share in np.arange(1, _LIGHTS + 1) / _LIGHTS:
             mixed = (1 - share) * plain + share * lit
             yield _captioned(mixed, text), _ANSWER_MS if share == 1 else _STEP_MS

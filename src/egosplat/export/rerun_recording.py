@@ -1,6 +1,5 @@
 """Write a scene for Rerun (rerun.io): cameras with pictures and instances over time, Gaussians as points, answers as boxes."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +17,14 @@ from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
 
 
-def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
-    """Write a .rrd file, whole or not at all, with boxes of the answers to ``phrases`` in the whole scene
+def export_rerun(scene: Scene, output: Path, query: str | None) -> None:
+    """Write a .rrd file, whole or not at all, with boxes of the answers to a query in the whole scene
     (UserError: rerun-sdk is not installed, or an artifact is missing or damaged)."""
     try:
         import rerun as rr
     except ImportError:
         raise UserError('rerun-sdk is not installed; it comes with: pip install "egosplat[rerun]"') from None
-    answers = list(scene.answers(phrases)) if phrases else []
+    answers = scene.ask(query) if query else []
     up = scene.artifact("poses").read("up")
     axis = int(np.abs(up).argmax())
     axes = f"RIGHT_HAND_{'XYZ'[axis]}_{'UP' if up[axis] > 0 else 'DOWN'}"
@@ -38,8 +37,8 @@ def export_rerun(scene: Scene, output: Path, phrases: Iterable[str]) -> None:
         stream.log("world/gaussians", _points(rr, scene.gaussians.to(torch.device("cpu"))), static=True)
         frames = _log_frames(rr, stream, scene)
         for answer in answers:
-            stream.log(f"world/answers/{answer.phrase}", _boxes(rr, answer), static=True)
-            log(f"{answer.phrase}: {answer.refusal or f'{len(answer.things)} boxes'}")
+            stream.log(f"world/answers/{answer.asked}", _boxes(rr, answer), static=True)
+            log(f"{answer.asked}: {answer.refusal or f'{len(answer.things)} boxes'}")
         # What is left is written before the file gets its name.
         stream.disconnect()
     log(f"{output}: {frames} frames, {len(answers)} answers")
@@ -49,7 +48,7 @@ def _boxes(rr: Any, answer: Answer) -> Any:
     return rr.Boxes3D(
         centers=[thing.center for thing in answer.things],
         sizes=[thing.size for thing in answer.things],
-        labels=[f"{answer.phrase} {thing.score:.2f}" for thing in answer.things],
+        labels=[f"{answer.asked} {thing.score:.2f}" for thing in answer.things],
     )
 
 

@@ -77,8 +77,7 @@ def export_scene(
     elif format == "html":
         write_page(folder, output, options)
     elif format == "rrd":
-        phrases = [phrase.strip() for phrase in (query or "").split(",") if phrase.strip()]
-        rerun_recording.export_rerun(opened or open_scene(folder, options), output, phrases)
+        rerun_recording.export_rerun(opened or open_scene(folder, options), output, query)
     else:
         answer = (
             None if query is None else gaussians.answer_members(opened or open_scene(folder, options), query)

@@ -19,7 +19,7 @@ from egosplat.pipeline.parsed_modules import parse_module
 ROOTS = {"egosplat", "egosplat_apartments", "egosplat_rivals"}
 
 # Text that code beside it reads: templates of pages and tables; and scripts of pages, beside C++ sources.
-TEXTS = (".csv", ".j2")
+TEXTS = (".csv", ".j2", ".yml")
 SCRIPTS = (".css", ".glsl", ".html", ".js")
 
 # Modules that show, record or write, but cannot change an array: a better message makes nothing stale.

@@ -38,7 +38,8 @@ def parse_module(name: str, path: Path) -> ParsedModule:
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     last = name.rpartition(".")[2]
     definition = "" if path.stem in (last, "__init__") else last
-    key = hashlib.sha256(_OWN + f" {package} {definition}\n".encode() + source).hexdigest()
+    tables = {table.stem: table.read_text() for table in sorted((path.parent / "tables").glob("*.txt"))}
+    key = hashlib.sha256(_OWN + f" {package} {definition} {tables}\n".encode() + source).hexdigest()
     # Without a folder to write in, each start parses again. ``Path.home`` raises RuntimeError for a user without one.
     with contextlib.suppress(OSError, RuntimeError, ValueError):
         tree_hash, imports = read_json(user_cache() / "modules" / key)
@@ -48,7 +49,11 @@ def parse_module(name: str, path: Path) -> ParsedModule:
         _leave_definition(tree, definition)
     imports = tuple(_imported(tree, package))
     _drop_messages(tree)
-    module = ParsedModule(hashlib.sha256(_canonical(tree).encode()).hexdigest(), imports)
+    calls = (node for node in ast.walk(tree) if isinstance(node, ast.Call))
+    read = [
+        tables[ast.literal_eval(call.args[0])] for call in calls if ast.unparse(call.func) == "read_table"
+    ]
+    module = ParsedModule(hashlib.sha256("".join([_canonical(tree), *read]).encode()).hexdigest(), imports)
     with contextlib.suppress(OSError, RuntimeError):
         kept = user_cache() / "modules" / key
         kept.parent.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from egosplat.geometry import Array
 from egosplat.histories.told import Carried, Place, clock, place_at
 from egosplat.query.maps import Map, Mask
+from egosplat.query.reading import Question
 
 # What is told of a view without a match.
 NOTHING = "nothing is visible here"
@@ -100,7 +101,7 @@ class Answer:
     """The answer to one query.
 
     Attributes:
-        grade: ``found``, ``best guess``, ``seen moving`` or ``not found`` (docs/method.md#grades), by ``rating``, which is as that of a thing.
+        grade: ``found``, ``best guess``, ``seen moving``, ``not found`` or ``not asked`` (docs/method.md#grades), by ``rating``, which is as that of a thing.
         score, probability: of the best match by score; no probability for a view.
         refusal: the reason why nothing is found; None if something is, or is guessed.
         untaught: words of the query that the OpenCLIP checkpoint was not trained on.
@@ -108,6 +109,7 @@ class Answer:
         candidates: the best things, two at least if there are, whether they fit or not.
         moving: when it is seen moving, where nothing is found in 3D.
         history: when what the query means was carried, and from where to where, in the order of time.
+        question: how a text was read, if it was one of ``Scene.ask``.
         view: what matches in the view that was asked; None if refused, if the view shows nothing, or without a view.
     """
 
@@ -122,6 +124,7 @@ class Answer:
     moving: Moving | None = None
     history: tuple[Carried, ...] = ()
     view: ViewMatch | None = None
+    question: Question | None = None
 
     def at(self, second: float) -> Place | None:
         """Where it was at a time [s since the first frame], by its history; None if it was not carried."""
@@ -131,3 +134,8 @@ class Answer:
     def rating(self) -> float:
         """What it is graded by."""
         return self.score if self.probability is None else self.probability
+
+    @property
+    def asked(self) -> str:
+        """What was asked, as it was read."""
+        return self.question.read if self.question else self.phrase

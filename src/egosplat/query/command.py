@@ -14,9 +14,8 @@ from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import track
 from egosplat.query.answers import NOTHING, Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import Grading
+from egosplat.query.grades import NOT_ASKED, Grading
 from egosplat.query.scene import Viewpoint
-from egosplat.query.text import clean_phrase
 
 # Maximum number of answers in the picture; the table has all of them.
 MOST_DRAWN = 8
@@ -54,16 +53,22 @@ def run(
         grading, columns = scene.grading(), ("center [{}]", "size [{}]", "frame")
         # A view is never calibrated; saying so with each would tell nothing.
         lines.append(grading.notice)
-    title, queries = "\n".join(filter(None, lines)), list(dict.fromkeys(map(clean_phrase, phrases)))
+    title, questions = "\n".join(filter(None, lines)), scene.read(phrases)
     rows = [("query", "answer", grading.measure, "level", *(name.format(scene.unit) for name in columns))]
     kept: list[Answer] = []
-    answers = scene.answers(queries, most, viewpoint)
-    for answer in track(answers, "queries", unit="answer", total=len(queries)):
+    count = refused = 0
+    sentences: list[str] = []
+    answers = scene.reply(questions, most, viewpoint)
+    for answer in track(answers, "queries", unit="answer", total=len(questions)):
         rows += _rows(answer, grading)
+        sentences += _sentence(answer, scene.unit, output)
+        count, refused = count + 1, refused + (answer.grade == NOT_ASKED)
         # Answers in a view hold maps of its size: those that are drawn are kept.
-        if viewpoint is None or len(kept) < MOST_DRAWN:
+        if answer.grade != NOT_ASKED and (viewpoint is None or len(kept) < MOST_DRAWN):
             kept.append(answer)
     yield f"{title}\n{_table(rows)}"
+    if sentences:
+        yield "\n".join(["", *sentences])
     if carried := _carried_table(kept, scene.unit, at if viewpoint is None else None):
         yield f"\n{carried}"
     if viewpoint is None:
@@ -72,10 +77,13 @@ def run(
         shown = scene.trained.at(scene.rests, viewpoint.second)
         picture = shown.picture(scene.camera, viewpoint.camera_to_world)
         drawn = [(answer, "", picture if answer.view else None) for answer in kept]
-    draw_answers(drawn, title, output)
-    left_out = len(queries) - len(drawn)
+    left_out = count - refused - len(drawn)
     more = f" (the first {MOST_DRAWN} answers; {left_out} more are in the table only)"
-    yield f"picture: {output}{more if left_out else ''}"
+    if drawn:
+        draw_answers(drawn, title, output)
+        yield f"picture: {output}{more if left_out else ''}"
+    if refused:
+        raise UserError(f"{refused} of {count} questions could not be asked: the table says why")
 
 
 def _viewpoint_at(scene: Scene, viewpoint: Viewpoint | None, at: float) -> Viewpoint | None:
@@ -100,24 +108,26 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
 def _rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     """The rows of an answer; of one that is refused the last cell says why, with the number that it was graded by, if that means anything."""
     view, shown = answer.view, grading.shown(answer.rating)
+    if answer.question and answer.grade == NOT_ASKED:
+        return [(repr(answer.question.typed)[:40], answer.refusal or "")]
     if moving := answer.moving:
         told = f"{moving.told}  frame {moving.frame}"
         rated = _ABSENT if moving.rating is None else grading.shown(moving.rating)
-        return [(answer.phrase, answer.grade, rated, _ABSENT, told)]
+        return [(answer.asked, answer.grade, rated, _ABSENT, told)]
     if answer.refusal:
         graded = answer.rating > 0 and not answer.untaught
         # What moves is masked: a carried thing is found nowhere, and yet known.
         reason = "carried about: not found among what stays" if answer.history else answer.refusal
-        return [(answer.phrase, f"{reason} ({grading.measure} {shown})" if graded else reason)]
+        return [(answer.asked, f"{reason} ({grading.measure} {shown})" if graded else reason)]
     if view is not None and view.pixel is not None and view.level is not None:
         pixel = f"{view.pixel[0]}, {view.pixel[1]}"
-        return [(answer.phrase, answer.grade, shown, view.level, pixel, _numbers(view.position))]
+        return [(answer.asked, answer.grade, shown, view.level, pixel, _numbers(view.position))]
     rows: list[tuple[str, ...]] = []
     for thing in answer.things:
         size = " x ".join(f"{side:.2f}" for side in thing.size)
         about = answer.grade, grading.shown(thing.rating), thing.level, _numbers(thing.center), size
-        rows.append(("" if rows else answer.phrase, *about, str(thing.frame)))
-    return rows or [(answer.phrase, NOTHING)]
+        rows.append(("" if rows else answer.asked, *about, str(thing.frame)))
+    return rows or [(answer.asked, NOTHING)]
 
 
 def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
@@ -137,6 +147,22 @@ def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> st
             ends = _numbers(one.start), _numbers(one.end)
             rows.append((answer.phrase if number == 0 else "", one.told, *ends, str(one.frame)))
     return _table(rows)
+
+
+def _sentence(answer: Answer, unit: str, output: Path) -> list[str]:
+    """Lines that answer a question which was read otherwise than typed."""
+    question = answer.question
+    if question is None or question.read == question.typed or answer.grade == NOT_ASKED:
+        return []
+    if answer.refusal:
+        told = answer.refusal
+    elif best := next(iter(answer.things), None):
+        shown = f"at {_numbers(best.center)} {unit}, best seen in frame {best.frame}"
+        more = f"; {len(answer.things) - 1} more" if answer.things[1:] else ""
+        told = f"{answer.grade}: {question.said} {shown} ({output}){more}"
+    else:
+        told = f"{answer.grade}: {question.said} ({output})" if answer.view else NOTHING
+    return [f'"{question.typed}" (read as: {question.read}): {told}']
 
 
 def _numbers(point: Array | None) -> str:
@@ -172,12 +198,12 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
             hide_axes(axes)
         (place, heat, mask), view = cells, answer.view
         if picture is None or view is None:
-            caption = f'"{answer.phrase}": {answer.refusal or NOTHING}'
+            caption = f'"{answer.asked}": {answer.refusal or NOTHING}'
             # Outside of the layout: otherwise the first column becomes as wide as the text.
             how = {"transform": place.transAxes, "clip_on": False, "in_layout": False}
             place.text(0.0, 0.5, caption, fontsize=10, **how)
             continue
-        place.set_title(f'"{answer.phrase}": {answer.grade}{where and f", {where}"}', fontsize=10)
+        place.set_title(f'"{answer.asked}": {answer.grade}{where and f", {where}"}', fontsize=10)
         place.imshow(picture)
         draw_heat(heat, picture, view.relevancy)
         heat.set_title(f"relevancy 0 to 1, {view.level}", fontsize=10)

@@ -28,13 +28,18 @@ from egosplat.query.answers import Answer, Moving, Thing, ViewMatch
 from egosplat.query.maps import Mask, innermost
 from egosplat.query.moving import Tracks
 from egosplat.query.options import MOST, AskingOptions, QueryOptions
+from egosplat.query.reading import Question, read_questions
+from egosplat.query.relations import Space, relate
 from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
-from egosplat.query.text import Texts, encode_texts, untaught_words, words_to_try
+from egosplat.query.text import Texts, encode_texts, suggest, untaught_words, words_to_try
 from egosplat.query.things import Surface, ask_scene, read_surface
 from egosplat.query.views import Asker, show_thing
 
 # What OpenCLIP encoded for a scene's codes, and an array of it: the features of instances, or tiles for methods without masks.
 ENCODED = {"features": "consistent", "tiles": "scale/0"}
+
+# Things that are compared where a question tells how they stand.
+_MANY = 8
 
 
 @dataclass(frozen=True)
@@ -207,7 +212,7 @@ class Scene:
         second: float | None = None,
         **keys: Any,
     ) -> list[Answer]:
-        """Find phrases, each once and in their order, in the whole scene, or in one view.
+        """Answer questions, each once and in their order, in the whole scene, or in one view (docs/look.md#questions).
 
         Args:
             most: maximum number of things in an answer of the whole scene.
@@ -215,10 +220,44 @@ class Scene:
             it. second: time of the pose [s since the first frame]: what lies somewhere for a while is seen at its time. keys:
             keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
-        UserError: the OpenCLIP of the features is missing, the view has no pose, or a phrase or a key is not valid.
+        UserError: the OpenCLIP of the features is missing, the view has no pose, or a key is not valid.
         """
         options = self.options.change_keys(**keys)
-        return list(self.answers(phrases, most, self.viewpoint(frame, pose, second), options))
+        return list(self.reply(self.read(phrases), most, self.viewpoint(frame, pose, second), options))
+
+    def read(self, texts: Iterable[str]) -> list[Question]:
+        """Read texts as questions, each once."""
+        names = words_to_try(self.clip)
+        return list(dict.fromkeys(one for text in texts for one in read_questions(self.clip, text, names)))
+
+    def reply(
+        self,
+        questions: Sequence[Question],
+        most: int = MOST,
+        viewpoint: Viewpoint | None = None,
+        options: QueryOptions | None = None,
+    ) -> Iterator[Answer]:
+        """Answer questions one at a time, each once, or with an answer for each name where anything is asked for. Raises as ``ask``."""
+        options = options or self.options
+        answers = self.answers([one.phrase for one in questions if one.is_plain], most, viewpoint, options)
+        for question in questions:
+            if question.is_plain:
+                yield replace(next(answers), question=question)
+            elif question.refusal or viewpoint is not None:
+                why = question.refusal or "where things stand is asked of the whole scene: leave out the view"
+                yield Answer(question.phrase, grades.NOT_ASKED, 0.0, refusal=why, question=question)
+            else:
+                for answer in self._stand(question, options):
+                    asked = replace(question, phrase=answer.phrase)
+                    yield replace(answer, things=answer.things[:most], question=asked)
+
+    def _stand(self, question: Question, options: QueryOptions) -> Iterator[Answer]:
+        """Answer a question with all things that are found or guessed and stand as it asks."""
+        anchors = [next(self._stand(one, options)) for one in question.anchors]
+        words = [question.phrase] if question.phrase else self._words.phrases
+        answers = self.answers(words, _MANY if question.phrase else MOST, None, options)
+        space = Space(self.surface, self.artifact("poses").read("up"), self.poses)
+        yield from relate(question, answers, anchors, self.grading(options), space)
 
     def answers(
         self,
@@ -235,11 +274,18 @@ class Scene:
             # The evidence for the best thing needs the next one.
             every = ask_scene(self.trained, self.surface, texts, options, max(2, most))
             rows = zip(texts.phrases, every, strict=True)
-            return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
+            answers = (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
+            return map(self._suggested, answers)
         view = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
         matches = Asker(self.trained, texts, options, self.rests).ask(texts.phrases, *view)
         grading = grades.Grading(None, options.min_score)
-        return (grades.judge_view(one, untaught_words(self.clip, one.phrase), grading) for one in matches)
+        judged = (grades.judge_view(one, untaught_words(self.clip, one.phrase), grading) for one in matches)
+        return map(self._suggested, judged)
+
+    def _suggested(self, answer: Answer) -> Answer:
+        """An answer whose refusal names what a word that was never taught may mean."""
+        meant = suggest(self.clip, answer.phrase, answer.untaught) if answer.untaught else None
+        return replace(answer, refusal=f"{answer.refusal} {meant}") if meant else answer
 
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""

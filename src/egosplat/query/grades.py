@@ -22,6 +22,8 @@ from egosplat.query.text import CARRIED, Texts, explain_untaught
 from egosplat.query.things import Surface
 
 FOUND, GUESS, MOVING, NOT_FOUND = "found", "best guess", "seen moving", "not found"
+# Of a text that is no query, which no grading gives.
+NOT_ASKED = "not asked"
 
 NOTHING_LIKE_IT = "not found: nothing here looks like it"
 

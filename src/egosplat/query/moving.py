@@ -16,13 +16,8 @@ from egosplat.query.grades import FOUND, LEAST_FIT, Evidence, Grading, log_odds,
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy
-from egosplat.query.text import STAYING, Texts
+from egosplat.query.text import STAYING, WORDS, Texts
 
-# What is seen of the wearer, in words: small masks of arms look like many things.
-WEARER = (
-    *("arm", "arms", "forearm", "hand", "hands", "human", "man"),
-    *("people", "person", "somebody", "wearer", "woman"),
-)
 # Arms come from outside: this share of their masks, of so many at least, reaches the edge of what the camera shows.
 _AT_EDGE, _LEAST_VIEWS = 0.8, 15
 # What stands still has directions that vary less in the world than this share of their variance before the camera.
@@ -77,10 +72,10 @@ class Tracks:
     ) -> Moving | None:
         """Find the wearer for one of ``WEARER``, else the tracks that fit one query better than every word that means something else;
         None unless these are certain. ``seconds`` are the (F,) times of the frames."""
-        if query.phrases[0].lower() in WEARER and self.worn.any():
+        if query.phrases[0].lower() in WORDS["wearer"] and self.worn.any():
             return self._moving(self.worn, None, seconds)
         meant = words.phrases[int((words.queries @ query.queries[0]).argmax())]
-        if meant in STAYING and meant not in WEARER:
+        if meant in STAYING and meant not in WORDS["wearer"]:
             return None
         texts = torch.cat([query.queries, words.queries[other_meanings(query, words)]])
         fits = relevancy(self.feature, texts, query.canonical, options.temperature).numpy().astype(np.float64)

@@ -1,10 +1,12 @@
 """Encode queries with OpenCLIP, and list words to try on a scene of a home."""
 
+import difflib
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -12,6 +14,7 @@ from torch import Tensor
 from egosplat.errors import UserError
 from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip
+from egosplat.pipeline.strict_yaml import read_yaml
 
 # Unicode categories of characters that nobody sees: control characters, and those of format, such as zero-width ones; and
 # that of surrogates, to which Python decodes bytes that are not UTF-8.
@@ -20,21 +23,9 @@ _UNSEEN, _NO_TEXT = ("Cc", "Cf"), "Cs"
 # Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 AT_ONCE = 2**27
 
-
-# Things of a home that people carry about. Synonyms are left out, here and below: they would share their scores.
-CARRIED = re.split(
-    r",\s+",
-    """ball, basket, blanket, book, bottle, bowl, box, candle, chair, clock, coat, cup, cushion, cutting board, flower, kettle,
-    keyboard, lamp, laptop, magazine, microwave, painting, pillow, plant, plate, pot, remote control, shoe, speaker, stool,
-    teapot, tissue box, toaster, towel, toy, trash can, vase""",
-)
-
-# What stays, or carries.
-STAYING = re.split(
-    r",\s+",
-    """armchair, bed, bookshelf, cabinet, carpet, ceiling, coffee table, couch, curtain, desk, dining table, door, dresser,
-    floor, fridge, hand, mirror, nightstand, oven, person, rug, shelf, sink, stove, table, television, wall, window""",
-)
+# Words of questions, and names of things.
+WORDS = read_yaml(Path(__file__).with_name("words.yml"))
+CARRIED, STAYING = WORDS["carried"], WORDS["staying"]
 
 
 def words_to_try(clip: OpenClip) -> tuple[str, ...]:
@@ -69,18 +60,13 @@ def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str
 
 
 def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
-    """Encode P phrases as (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases (UserError: a phrase is blank, not
-    text, or too long for the model, or its feature is zero or not finite)."""
+    """Encode P phrases as (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases (UserError: as ``refuse_phrase``, or a
+    feature is zero or not finite)."""
     if not phrases:
         return torch.zeros(0, 0)
-    limit = clip.tokenizer.context_length - 2  # without the start and the end of every text
     for phrase in phrases:
-        if not clean_phrase(phrase):
-            raise UserError("query: is blank; describe the object in a few words")
-        if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
-            raise UserError(f"query {phrase[:80]!r}: is not UTF-8; describe the object in words")
-        if (count := len(clip.tokenizer.encode(clean_phrase(phrase)))) > limit:
-            raise UserError(f"query {phrase[:80]!r}: has {count} tokens, the model reads {limit}; shorten it")
+        if refusal := refuse_phrase(clip, phrase):
+            raise UserError(f"query {phrase[:80]!r}: {refusal}")
     tokens = clip.tokenizer([clean_phrase(phrase) for phrase in phrases])
     with clip.compute.inference():
         features = clip.model.encode_text(tokens.to(clip.compute.device)).float().cpu().numpy()
@@ -91,6 +77,17 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
 
 
 _encode_canonical = lru_cache(maxsize=1)(encode_phrases)
+
+
+def refuse_phrase(clip: OpenClip, phrase: str) -> str | None:
+    """Say why a phrase cannot be encoded: it is blank, not text, or too long for the model; None if it can."""
+    if not clean_phrase(phrase):
+        return "is blank; describe the object in a few words"
+    if any(unicodedata.category(letter) == _NO_TEXT for letter in phrase):
+        return "is not UTF-8; describe the object in words"
+    limit = clip.tokenizer.context_length - 2  # without the start and the end of every text
+    count = len(clip.tokenizer.encode(clean_phrase(phrase)))
+    return f"has {count} tokens, the model reads {limit}; shorten it" if count > limit else None
 
 
 def clean_phrase(phrase: str) -> str:
@@ -120,3 +117,15 @@ def explain_untaught(untaught: Sequence[str]) -> str | None:
         return "The query holds no word."
     words = [f'"{word}"' for word in dict.fromkeys(untaught)]
     return f"The models here were never taught the word{'s' if words[1:] else ''} {', '.join(words)}."
+
+
+def suggest(clip: OpenClip, phrase: str, untaught: Sequence[str]) -> str | None:
+    """Ask whether the nearest words that the model was taught are meant; None where one has no near one."""
+    known = [*words_to_try(clip), *(sorted(clip.words) if isinstance(clip.words, frozenset) else ())]
+    meant = phrase.lower()
+    for word in untaught:
+        near = difflib.get_close_matches(word, known, n=1, cutoff=0.75)
+        if not near:
+            return None
+        meant = re.sub(rf"\b{re.escape(word)}\b", near[0], meant)
+    return f'Did you mean "{meant}"?'

@@ -208,12 +208,12 @@ def _thing(
     surface: Surface, score: float, share: float, view: int, level: int, members: NDArray[np.int64]
 ) -> Thing:
     weight, means = surface.weight[members, level].astype(np.float64), surface.means[members]
-    low, high = np.stack([_quantiles(axis, weight) for axis in means.T], axis=1)
+    low, high = np.stack([quantiles(axis, weight) for axis in means.T], axis=1)
     center, frame = weight @ means / weight.sum(), int(surface.frame[view])
     return Thing(score, surface.levels[level], center, high - low, frame, members, share)
 
 
-def _quantiles(values: Array, weight: Array) -> Array:
+def quantiles(values: Array, weight: Array) -> Array:
     """(2,) weighted quantiles of (M,) values at ``EXTENT``."""
     order = np.argsort(values)
     below = np.cumsum(weight[order])

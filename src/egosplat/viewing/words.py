@@ -10,7 +10,9 @@ from egosplat.models.clip import OpenClip
 from egosplat.models.without_compiler import without_compiler
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.query.text import CARRIED, encode_phrases, words_to_try
+from egosplat.query.grades import NOT_ASKED
+from egosplat.query.reading import PATTERNS
+from egosplat.query.text import CARRIED, WORDS, clean_phrase, encode_phrases, words_to_try
 from egosplat.viewing.html import Arrays, Facts
 
 with without_compiler():
@@ -40,17 +42,25 @@ def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
         "carried": [word in CARRIED for word in words],
         "taught": sorted(clip.words) if isinstance(clip.words, frozenset) else None,
         "tower": tower,
+        "reading": PATTERNS | {"plurals": WORDS["plurals"]},
     }
 
 
 def ask_for_page(scene: Scene, phrase: str) -> Facts:
-    """The vector and the verdict of a phrase, or why it has none, as ``source/answer.js`` reads them
-    (UserError: as ``Scene.ask``)."""
-    [answer] = scene.ask(phrase)
-    if answer.untaught:
-        return {"why": answer.refusal}
-    vector = scene.encode([phrase]).queries[0].tolist()
-    return {"vector": vector, "answer": answer_facts(answer, scene.levels)}
+    """The vector and the verdict of a phrase, how it was ``read`` if otherwise, or why it has none, as ``source/answer.js`` reads them:
+    a list has the things of all its answers, with the name of each."""
+    answers = scene.ask(phrase)
+    best = next((one for one in answers if one.things), answers[0])
+    reads = [f"{one.asked} ({one.refusal})" if one.refusal and answers[1:] else one.asked for one in answers]
+    read = None if reads == [clean_phrase(phrase)] else "; ".join(reads)
+    if best.untaught or not best.phrase or best.grade == NOT_ASKED:
+        return {"why": best.refusal, "read": read}
+    vector = scene.encode([best.phrase]).queries[0].tolist()
+    facts, every = answer_facts(best, scene.levels), [answer_facts(one, scene.levels) for one in answers]
+    if answers[1:]:
+        named = zip(answers, every, strict=True)
+        facts["things"] = [thing | {"name": one.asked} for one, facts in named for thing in facts["things"]]
+    return {"vector": vector, "answer": facts, "read": read}
 
 
 def answer_facts(answer: Answer, levels: Sequence[str]) -> Facts:

@@ -58,44 +58,25 @@ class DataLayout:
         return packed + table + b"".join(texts)
 
 
+def _fields(text: str) -> tuple[tuple[str, str], ...]:
+    return tuple((name, kind) for kind, name in map(str.split, text.split(",")))
+
+
 # Names and order are those of Aria's image streams.
 CONFIGURATION = DataLayout(
+    _fields("""
+    uint32_t camera_id, double nominal_rate, uint32_t image_width, uint32_t image_height, uint32_t
+    image_stride, uint32_t image_pixel_format, double exposure_duration.min, double exposure_duration.max,
+    double gain.min, double gain.max, double gamma_factor"""),
     (
-        ("camera_id", "uint32_t"),
-        ("nominal_rate", "double"),
-        ("image_width", "uint32_t"),
-        ("image_height", "uint32_t"),
-        ("image_stride", "uint32_t"),
-        ("image_pixel_format", "uint32_t"),
-        ("exposure_duration.min", "double"),
-        ("exposure_duration.max", "double"),
-        ("gain.min", "double"),
-        ("gain.max", "double"),
-        ("gamma_factor", "double"),
-    ),
-    (
-        "device_type",
-        "device_version",
-        "device_serial",
-        "sensor_model",
-        "sensor_serial",
-        "factory_calibration",
-        "online_calibration",
-        "description",
+        *("device_type", "device_version", "device_serial", "sensor_model", "sensor_serial"),
+        *("factory_calibration", "online_calibration", "description"),
     ),
 )
 IMAGE_DATA = DataLayout(
-    (
-        ("group_id", "uint64_t"),
-        ("group_mask", "uint64_t"),
-        ("frame_number", "uint64_t"),
-        ("frame_tag", "uint32_t"),
-        ("exposure_duration_s", "double"),
-        ("gain", "double"),
-        ("capture_timestamp_ns", "int64_t"),
-        ("capture_timestamp_in_processing_clock_domain_ns", "int64_t"),
-        ("arrival_timestamp_ns", "int64_t"),
-        ("processing_start_timestamp_ns", "int64_t"),
-        ("temperature_deg_c", "double"),
-    )
+    _fields("""
+    uint64_t group_id, uint64_t group_mask, uint64_t frame_number, uint32_t frame_tag, double
+    exposure_duration_s, double gain, int64_t capture_timestamp_ns, int64_t
+    capture_timestamp_in_processing_clock_domain_ns, int64_t arrival_timestamp_ns, int64_t
+    processing_start_timestamp_ns, double temperature_deg_c""")
 )

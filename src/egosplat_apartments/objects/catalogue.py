@@ -1,7 +1,9 @@
 """Kinds of objects in an apartment: ADT category, placement, and builder."""
 
+import csv
 import itertools
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -21,58 +23,8 @@ from egosplat_apartments.objects.model import Builder
 Motion = Literal["static", "dynamic"]
 
 # ADT's category names used here, with ADT's numbers where its sample has them.
-CATEGORY_UIDS = {
-    "armchair": 38,
-    "basketball": 282,
-    "bed frame": 638,
-    "book": 315,
-    "bookcase": 53,
-    "bottle": 418,
-    "bowl": 390,
-    "box": 324,
-    "cabinet": 52,
-    "candle": 226,
-    "clothes basket": 430,
-    "coaster": 235,
-    "coffee table": 68,
-    "couch": 36,
-    "cup": 389,
-    "curtain": 212,
-    "cutting board": 401,
-    "desk": 70,
-    "desk clock": 239,
-    "desk lamp": 187,
-    "dining chair": 40,
-    "dining table": 66,
-    "figurine": 223,
-    "house plant": 242,
-    "laptop computer": 178,
-    "magazine": 316,
-    "mattress": 86,
-    "person": 476,
-    "picture": 203,
-    "pillow": 379,
-    "plate": 388,
-    "pot": 392,
-    "refrigerator": 126,
-    "remote control": 183,
-    "shelf": 60,
-    "shelter": 614,
-    "side table": 67,
-    "speaker": 166,
-    "step stool": 46,
-    "tea kettle": 400,
-    "television": 161,
-    "tissue box": 238,
-    "toaster": 144,
-    "toy": 277,
-    "trash can": 233,
-    "tv stand": 509,
-    "vase": 228,
-    "wall artwork": 205,
-    "wall clock": 216,
-    "wall-mounted coat rack": 493,
-}
+with Path(__file__).with_name("categories.csv").open(newline="", encoding="utf-8") as _lines:
+    CATEGORY_UIDS = {row["category"]: int(row["number"]) for row in csv.DictReader(_lines)}
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,6 @@ def test_missing_models_come_with_place_license_size_and_digest(folder, server):
 
 
 def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server):
-    """The second call fetches nothing; a file that was put there by hand is verified, too."""
     (folder / "cache").mkdir()
     (folder / "cache" / FILES[0]).write_bytes(CONTENT)
     options = ("--config", "models={set: published, cache: cache}")
@@ -86,7 +85,6 @@ def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server
 
 
 def test_a_file_in_the_users_own_cache_is_not_fetched_again(folder, server):
-    """That no digest is published of a file is told."""
     assert f"fetched, SHA-256 {SHA256} (none is published)" in egosplat("download", "mobilenetv3_small_050")
     assert "/resolve/f58e7345afe2832abd6f81cc60f67cd1ddf7ce00/" in server.requests[0]
     (folder / "checkpoints" / FILES[2]).unlink()
@@ -132,7 +130,6 @@ def test_what_goes_wrong_is_told_with_the_address_and_the_place(
 
 
 def test_a_wrong_file_of_that_name_is_not_replaced(folder, server):
-    """It may be the user's own."""
     path = folder / "checkpoints" / FILES[1]
     path.parent.mkdir()
     path.write_bytes(b"mine")
@@ -151,7 +148,6 @@ def test_offline_the_addresses_are_listed(folder, server):
 
 
 def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
-    """A better model can be fetched before the configuration names it; a wrong name lists the known ones."""
     assert "sam2.1_hiera_large.pt: fetched" in egosplat("download", "sam2.1_hiera_l", "ViT-B-16-quickgelu")
     assert server.requests == [address("sam2.1_hiera_large.pt"), address("ViT-B-16-quickgelu.dfn2b.bin")]
     with pytest.raises(UserError, match="sam2.1_hiera_x: is not in the catalogue.*sam2.1_hiera_t"):
@@ -162,7 +158,6 @@ def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
 
 
 def test_files_of_the_user_are_listed_and_not_fetched(folder, server):
-    """A file that the catalogue does not know has no address."""
     options = ("--config", "models={sam2_checkpoint: mine.pt, set: published}")
     listed = egosplat(*options)
     assert "models.sam2_checkpoint: your own file" in listed and "mine.pt: missing" in listed
@@ -173,7 +168,6 @@ def test_files_of_the_user_are_listed_and_not_fetched(folder, server):
 
 
 def test_the_table_of_scenes_counts(folder, server):
-    """A model that only one scene uses is listed; SAM2 is not needed where nothing is segmented with it."""
     (folder / "config").mkdir()
     (folder / "config/config.yaml").write_text("segments: {segmenter: classical}")
     assert "sam2" not in egosplat()

@@ -33,7 +33,6 @@ def test_half_precision_is_loaded_into_float32(tiny_clip):
 
 
 def test_no_tensor_is_left_as_it_was_before_loading(tiny_clip):
-    """Constructors draw no weights, so a tensor that the checkpoint does not set would hold anything."""
     torch.manual_seed(0)
     first = load(tiny_clip).model
     torch.manual_seed(1)

@@ -15,7 +15,7 @@ from egosplat.models.needed import find_needed
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.models.photo_words import fold_norms, read_classifier
 from egosplat.pipeline.config import configure
-from egosplat.query.text import encode_phrases, untaught_words, words_to_try
+from egosplat.query.text import encode_phrases, untaught_words
 
 PHOTOS = {"clip_model": "photos", "clip_checkpoint": "photos"}
 
@@ -35,7 +35,6 @@ def squares(size: int) -> np.ndarray:
 
 
 def test_features_of_crops_are_unit_vectors_that_no_other_crop_changes(clip):
-    """Black and white crops have a feature, too; a crop alone has the same as in a batch."""
     crops = squares(260)
     features = encode(clip, crops)
     assert features.shape == (5, channels(clip)) == (5, 1000)
@@ -45,7 +44,6 @@ def test_features_of_crops_are_unit_vectors_that_no_other_crop_changes(clip):
 
 
 def test_features_of_phrases_are_unit_vectors_that_no_other_phrase_changes(clip):
-    """Single letters, capitals, accents and a phrase near the limit are phrases like others."""
     phrases = ["couch", "x", "Teddy BEAR", "café table", "a " + "very " * 50 + "long sofa", "globe 3000!"]
     features = encode_phrases(clip, phrases)
     assert features.shape == (6, 1000)
@@ -58,23 +56,11 @@ def test_features_of_phrases_are_unit_vectors_that_no_other_phrase_changes(clip)
     torch.testing.assert_close(accent, features[3], atol=1e-4, rtol=0)
 
 
-@pytest.mark.parametrize(
-    "phrase, message", [("", "blank"), (" \u200b", "blank"), ("sofa " * 80, "80 tokens")]
-)
-def test_a_phrase_that_cannot_be_read_is_an_error(clip, phrase, message):
-    with pytest.raises(UserError, match=message):
-        encode_phrases(clip, [phrase])
-
-
 def test_words_of_other_scripts_are_not_known(clip):
     known = {"dishwasher": [], "my Café": [], "x": []}
     unknown = {"стул": ["стул"], "a 椅子": ["椅子"], "?!": ["?!"]}
     for phrase, words in (known | unknown).items():
         assert untaught_words(clip, phrase) == words
-
-
-def test_suggestions_are_english_words(clip):
-    assert {"armchair", "wall", "trash can"} <= set(words_to_try(clip))
 
 
 @pytest.mark.parametrize(
@@ -94,7 +80,6 @@ def test_texts_are_split_as_bert_splits_them(clip, text, pieces):
 
 
 def test_a_text_stands_behind_the_prompt_between_start_and_end(clip):
-    """The ids are those of BERT's published vocabulary."""
     assert clip.tokenizer(["hello world", "x"]).tolist() == [
         [101, 1037, 6302, 1997, 1037, 7592, 2088, 102],
         [101, 1037, 6302, 1997, 1037, 1060, 102, 0],
@@ -103,7 +88,6 @@ def test_a_text_stands_behind_the_prompt_between_start_and_end(clip):
 
 @pytest.mark.parametrize("package", [PHOTO_WEIGHTS, SENTENCES], ids=lambda one: one.name)
 def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatch, package):
-    """Loading, listing and hashing tell it; a plan with other stages still works."""
     spec, hidden = importlib.util.find_spec, package.module
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == hidden else spec(name))
     for use, given in (
@@ -117,7 +101,6 @@ def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatc
 
 
 def test_half_a_set_and_another_architecture_than_the_package_s_are_errors(tmp_path):
-    """The tensors are named by their order, so that their shapes must agree."""
     for model, checkpoint in (("photos", "small"), ("small", "photos")):
         with pytest.raises(UserError, match=f"clip_model = {model}, models.clip_checkpoint = {checkpoint}"):
             load_open_clip(model, checkpoint, "cpu", "float32")
@@ -140,7 +123,6 @@ def test_folded_normalizations_change_features_by_rounding_alone():
 
 
 def test_a_phrase_overlaps_most_with_pictures_of_its_own_class(clip):
-    """The inner product of crop and phrase is the overlap of two distributions: 1 for equal ones."""
     feature = clip.model.encode_text(clip.tokenizer(["teapot"]))[0]
     assert math.isclose(float(feature @ feature), 1, abs_tol=1e-5)
     assert clip.model._names[int(feature.argmax())] == "teapot"

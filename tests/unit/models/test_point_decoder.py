@@ -49,7 +49,6 @@ def decode(decoder, points):
 
 @pytest.mark.parametrize("points", [1, 2, 7])
 def test_masks_are_those_of_sam2(sam2, points):
-    """One point is no special case, although its image need not be shared."""
     generator = np.random.default_rng(points)
     image = generator.integers(0, 256, (48, 64, 3), np.uint8)
     places = torch.from_numpy(generator.random((points, 2), np.float32))
@@ -64,7 +63,6 @@ def test_masks_are_those_of_sam2(sam2, points):
 
 
 def test_autocast_keeps_the_residuals(sam2):
-    """With bfloat16 the masks stay as close to float32 as SAM2's own do."""
     image = np.random.default_rng(0).integers(0, 256, (48, 64, 3), np.uint8)
     points = torch.tensor([[0.2, 0.3], [0.7, 0.6]])
     with torch.inference_mode():

@@ -140,7 +140,6 @@ def test_every_open_clip_loads_and_encodes(cache, architecture):
 
 
 def test_the_transient_networks_encoder_takes_its_weights_from_a_published_classifier(cache):
-    """The classifier's last layers are left out; the network predicts."""
     path = saved(cache, ENCODER)
     assert {one.architecture for one in CATALOGUE} == {*SAM2, *WIDTHS, ENCODER}, (
         "a new entry needs a run here"

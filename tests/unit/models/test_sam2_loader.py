@@ -45,7 +45,6 @@ def test_half_precision_is_loaded_into_float32(sam2, tiny_sam2):
 
 
 def test_no_tensor_is_left_as_it_was_before_loading(sam2, load):
-    """Constructors draw no weights, so a tensor that the checkpoint does not set would hold anything."""
     torch.manual_seed(torch.initial_seed() + 1)
     again = load().video_predictor
     for of in (nn.Module.parameters, nn.Module.buffers):

@@ -20,12 +20,7 @@ def artifact(origin: str, models: dict[str, str], **facts):
 @pytest.mark.parametrize(
     "origin, checkpoints, aria, said",
     [
-        (
-            "real",
-            BOTH,
-            False,
-            ["synthetic apartments only", "sam2_checkpoint", "clip_checkpoint", "to published"],
-        ),
+        ("real", BOTH, False, ["apartments only", "sam2_checkpoint", "clip_checkpoint", "to published"]),
         ("real", SAM2, False, ["models.sam2_checkpoint", "egosplat models download"]),
         # Words for photographs know the classes of ImageNet; none of them suits Aria glasses.
         ("real", WORDS, False, ["models.set photos", "ImageNet", "to published"]),
@@ -43,14 +38,6 @@ def test_models_that_do_not_suit_the_recording_are_reported_with_what_to_do(orig
     assert checkpoints is not SAM2 or "clip" not in told
 
 
-def test_the_notice_of_artifacts_knows_the_glasses_by_their_device_frame():
-    used = artifact("real", WORDS)
-    assert notice_of_artifacts([used]) == notice("real", WORDS)
-    on_glasses = [used, artifact("real", {}, device_from_camera=[[1.0]])]
-    assert notice_of_artifacts(on_glasses) == notice("real", WORDS, aria=True)
-    assert notice_of_artifacts([used, artifact("real", {}, device_from_camera=None)]) == notice("real", WORDS)
-
-
 def test_artifacts_are_reported_by_their_provenance():
     segments = artifact("real", {"sam2_checkpoint": "small"})
     frames = artifact("real", {})
@@ -59,6 +46,10 @@ def test_artifacts_are_reported_by_their_provenance():
     features = artifact("real", {}, clip={"checkpoint": "small"})
     assert notice_of_artifacts([frames, segments, features]) == notice("real", BOTH)
     assert notice_of_artifacts([artifact("synthetic", {}), segments]) is None
+    # Aria glasses are known by their device frame.
+    for frame, aria in ([[1.0]], True), (None, False):
+        used = [artifact("real", WORDS), artifact("real", {}, device_from_camera=frame)]
+        assert notice_of_artifacts(used) == notice("real", WORDS, aria=aria)
 
 
 def test_sam2_counts_only_where_it_segments():

@@ -166,7 +166,6 @@ def test_half_precision_is_converted_and_weights_of_the_module_s_dtype_are_not_c
     [(nn.Linear, (3, 2)), (nn.Conv2d, (3, 2, 3)), (nn.Embedding, (3, 2)), (nn.MultiheadAttention, (4, 2))],
 )
 def test_layers_are_built_without_random_numbers(layer, sizes):
-    """They took more time than the checkpoint that replaces them."""
     before = torch.get_rng_state()
     with NothingDrawn():
         built = layer(*sizes).state_dict()
@@ -190,6 +189,5 @@ def test_another_architecture_is_reported_with_counts_and_examples(tmp_path):
 
 @pytest.mark.parametrize("value", [[float("nan"), 0], [0, -float("inf")], [1, 2]])
 def test_weights_without_meaning_are_refused(tmp_path, value):
-    """Whole numbers are what is left of weights that somebody rounded."""
     with pytest.raises(UserError, match="m.pt: tensor bias holds"):
         load_weights(nn.Linear(3, 2), TENSORS | {"bias": torch.tensor(value)}, tmp_path / "m.pt", SAM2)

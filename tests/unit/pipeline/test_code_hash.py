@@ -177,22 +177,6 @@ def test_tokens_of_cpp_change_with_code_and_not_with_comments_and_layout(old, ne
     assert (list(cpp_tokens(SOURCE.replace(old, new))) == list(cpp_tokens(SOURCE))) == same
 
 
-@pytest.mark.parametrize(
-    "text, tokens",
-    [
-        ("a++ + b", ["a", "++", "+", "b"]),
-        ("x>>=1'000;", ["x", ">>=", "1'000", ";"]),
-        ("1e-3f-x", ["1e-3f", "-", "x"]),
-        (r"'\'' '/' \"//\"".replace('\\"', '"'), [r"'\''", "'/'", '"//"']),
-        ('R"d(a "// b)d" // c', ['R"d(a "// b)d"']),
-        ("#if A\nb", ["#", "if", "A", "\n", "b"]),
-        ("a // joined \\\nstill a comment\nb", ["a", "b"]),
-    ],
-)
-def test_sources_are_split_into_the_tokens_of_cpp(text, tokens):
-    assert list(cpp_tokens(text)) == tokens
-
-
 def test_names_and_scripts_of_sources_count_and_other_files_do_not(tmp_path):
     (tmp_path / "kernels.cpp").write_text(SOURCE)
     first = cpp_hash(tmp_path)

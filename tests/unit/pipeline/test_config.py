@@ -54,14 +54,12 @@ def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(
 
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_stage_gets_each_value_of_its_options(stage):
-    """Keys of shared sections come from those, and every section of a stage is in the configuration."""
     options, values = config.stage_options(stage), config.stage_values(stage, config.defaults())
     assert values == (options().as_dict() if options else {})
     assert set(config.stage_sections(stage)) <= set(SECTIONS)
 
 
 def test_only_options_have_a_base_whose_name_ends_with_options():
-    """The code hash leaves out the keys of such classes, because values are parameters of the rules."""
     named = [
         (path, node)
         for path in (ROOT / "src").glob("egosplat*/**/*.py")
@@ -76,7 +74,6 @@ def test_only_options_have_a_base_whose_name_ends_with_options():
 
 
 def test_the_presets_are_allowed_and_all_but_the_paper_film_the_same_apartment():
-    """A recording does not change with the preset, so that presets can be compared and changed without filming anew."""
     assert sorted(LADDER) == sorted(path.stem for path in PRESETS.glob("*.yaml"))
     for preset in LADDER:
         resolved = config.resolve({"preset": preset}, PRESETS)
@@ -94,7 +91,6 @@ def test_the_shipped_configuration_sets_no_stage_key():
 
 
 def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():
-    """Over a key of the preset for all scenes; LangSplat's 30 and 7 px are of pictures 986 px wide."""
     chosen = {"preset": "draft", "models": {"set": "published"}}
     found = config.of_format(config.resolve(chosen, PRESETS), "lerf")
     assert (found["frames"]["resolution"], found["frames"]["holdout"]) == (986, False)
@@ -110,7 +106,6 @@ def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():
 
 
 def test_variants_of_the_user_stand_beside_the_default_ones():
-    """One of the same name is replaced, not merged: a user's baseline has the user's keys alone."""
     mine = {"features": {"dims": 3}}
     found = config.resolve({"variants": {"mine": mine, "baseline": mine}}, PRESETS)["variants"]
     default = config.defaults()["variants"]
@@ -146,7 +141,6 @@ def test_the_reference_page_is_that_of_the_schema():
 
 
 def test_the_reference_page_holds_every_key_once_under_its_section():
-    """No key is lost between the options and the page, and the ten first keys have links that open."""
     first, *sections = re.split(r"^## ", keys_page(), flags=re.MULTILINE)[1:]
     found: dict[str, list[str]] = {}
     for part in sections:

@@ -37,7 +37,6 @@ def test_a_chunk_has_its_own_frames_and_a_recording_to_come_counts_as_it_is_film
 
 
 def test_an_input_that_is_still_to_be_made_is_named(tmp_path):
-    """Snakemake shows <TBD> then."""
     with pytest.raises(FileNotFoundError) as error:
         costs.request("masks", CONFIG, [str(tmp_path / "frames.zarr")], 1)
     assert error.value.filename == str(tmp_path / "frames.zarr")

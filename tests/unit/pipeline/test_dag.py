@@ -203,7 +203,6 @@ def test_instances_are_made_and_told_only_where_the_method_learns_from_them(meth
 
 
 def test_a_story_tells_of_instances_that_only_masks_read():
-    """Masks of what moves are instances, whatever codes are learnt from."""
     config = merge(EVERY_FRAME, {"language": {"method": "field"}, "splats": {"masking": "refined"}})
     told = story_stages(config, annotated=False, surveyed=True)
     assert {"segments", "instances", "masks", "transient_sheet", "tiles", "survey"} <= set(told)

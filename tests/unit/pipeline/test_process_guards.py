@@ -70,7 +70,6 @@ def test_locks_stay_while_jobs_of_the_folder_are_queued(tmp_path, monkeypatch):
 
 
 def test_a_user_without_a_name_gets_a_number(monkeypatch):
-    """Snakemake asks for the name when it starts."""
 
     def unknown() -> str:
         raise KeyError("getpwuid(): uid not found")

@@ -57,7 +57,6 @@ def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):
 
 
 def test_a_variant_may_share_everything(folder):
-    """It has artifacts of its own, those of its scene and those of other variants."""
     for name in ("features", "language"):
         (folder / SCENE / f"variants/w/{name}.zarr").mkdir(parents=True)
     check_scene_folder(folder / SCENE / "variants/w", STAGES)

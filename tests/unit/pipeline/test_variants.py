@@ -12,7 +12,6 @@ from egosplat.pipeline.variants import (
     artifact_path,
     method_of,
     owner,
-    preset_keys,
     preset_of,
     reaches,
     scene_config,
@@ -101,7 +100,6 @@ def test_an_artifact_is_in_the_folder_of_the_variant_only_where_a_key_reaches_it
 
 
 def test_a_variant_inherits_the_method_and_the_preset_of_those_that_it_extends():
-    """Configurations have no key for the name of a method."""
     own = {"mine": {"extends": ["draft", "baseline"]}, "like": {"extends": "langsplat"}, "draft": {}}
     config = merge(BASE, {"variants": own})
     presets = {name: preset_of(config, name, "adt/scene1") for name in (None, "baseline", "draft", "mine")}
@@ -118,7 +116,6 @@ FEATURES = {"langsplat": "langsplat", "occam": "each_frame", "gags": "each_frame
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_other_methods_never_read_what_moves_and_share_the_geometry_without_masks(name):
-    """Nor annotations, which only the scores read. Where EgoSplat trains codes and geometry together, they train codes after it."""
     config = variant_config(BASE, name, "adt/scene1")
     read = set(stages_behind(["language"], config))
     assert read.isdisjoint({"annotations", "transient", "masks"})
@@ -171,17 +168,3 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     assert (paper["query"]["temperature"], paper["query"]["min_score"]) == (1.0, 0.0)
     assert (paper["features"]["mismatched_views"], paper["view_features"]["cut"]) == ("average", "mask")
     assert draft["query"] == base["query"] and draft["view_features"]["cut"] == "hull"
-
-
-@pytest.mark.parametrize("name", ["draft", "balanced"])
-@pytest.mark.parametrize("below", ["draft", "balanced", "accurate", "paper"])
-def test_presets_replace_the_scenes_own_preset(name, below):
-    left_to_the_scene = {"formats", "segments", "transient", "frames", "models", "synthetic", "metrics"}
-    base = resolve({"preset": below}, PRESETS)
-    kept = {"models": {"set": base["models"]["set"]}, "query": {"readout": base["query"]["readout"]}}
-    wanted = resolve({"preset": name} | kept, PRESETS)
-    found = merge(base, preset_keys(name, PRESETS, "adt"))
-    for section in set(found) - left_to_the_scene - {"preset"}:
-        assert found[section] == wanted[section], section
-    assert found["frames"]["resolution"] == wanted["frames"]["resolution"]
-    assert found["segments"]["points_per_side"] == wanted["segments"]["points_per_side"]

@@ -87,6 +87,20 @@ def test_the_whole_scene_is_answered_in_3d(word_scene, query, fitted):
     assert picture == f"picture: {folder / 'query.png'}"
 
 
+def test_a_question_has_a_sentence_and_what_cannot_be_asked_stops_no_other(word_scene, query, fitted):
+    fitted(found=0.6)
+    asked = "where are my cups?", " ", "couch", "couch next to the cup", "cuop", "cup " * 60
+    status, out, err = query(folder := word_scene(), *asked)
+    assert status == 2 and "2 of 6 questions" in err and (folder / "query.png").exists()
+    rows = [columns(line) for line in out.splitlines()[3:9]]
+    assert [row[0] for row in rows[:-1]] == ["cup", "''", "couch", "couch next to cup", "cuop"]
+    assert "blank" in rows[1][1] and 'Did you mean "cup"?' in rows[4][1] and "60 tokens" in rows[5][1]
+    cup, couch = [line for line in out.splitlines() if "(read as: " in line]
+    assert cup.startswith('"where are my cups?" (read as: cup): found: a cup at ') and "query.png" in cup
+    assert couch.startswith('"couch next to the cup" (read as: couch next to cup): ')
+    assert "1 of 1 questions" in query(folder, "what is on the cup", "--frame", 1, "--overwrite")[2]
+
+
 def test_what_is_not_there_is_rejected(word_scene, query):
     status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--set", "min_score=0.7")
     assert status == 0, err

@@ -89,7 +89,6 @@ def test_a_variant_has_the_answers_of_what_it_shares(work):
         (lambda scene: scene.ask("cup", frame=1, pose=np.eye(4)), "frame and pose"),
         (lambda scene: scene.ask("cup", pose=np.zeros((4, 4))), "pose"),
         (lambda scene: scene.ask("cup", min_scor=0.1), "min_score"),
-        (lambda scene: scene.ask(" "), "blank"),
         (lambda scene: scene.render(), "frame or a pose"),
         (lambda scene: scene.artifact("masks"), "masks.zarr"),
         (lambda scene: egosplat.export_scene(scene, "x.txt"), "x.txt"),

@@ -62,3 +62,7 @@ def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
                 answer_members(scene, word)
         else:
             np.testing.assert_array_equal(answer_members(scene, word), np.sort(answer.things[0].members))
+    reply = served("where is my couch, and the zeppelin?")
+    assert reply["read"].startswith("couch; zeppelin (The models here")
+    assert {thing["name"] for thing in reply["answer"]["things"]} == {"couch"}
+    assert "zeppelin" in served("what is on the zeppelin")["why"] and "blank" in served(" ")["why"]

@@ -219,7 +219,25 @@ function shownFigure(value, verdict) {
   return (near.find((one) => verdict(one) === verdict(value)) ?? value).toFixed(2);
 }
 
-// The vector of a clean phrase with its verdict, if it is known, or the reason why it has none.
+// A phrase without what asks for it, or the reason why it is not answered here: egosplat/query/reading.py reads by the same patterns.
+function readPhrase({ reading, taught }, phrase) {
+  const matches = (name, text) => new RegExp(reading[name], "iu").test(text);
+  const without = (name, text) => text.replace(new RegExp(reading[name], "iu"), "").trim() || text;
+  if (/^["\u201c].+["\u201d]$/u.test(phrase)) return { phrase: phrase.slice(1, -1) };
+  const parts = phrase.split(new RegExp(reading.list, "iu")).filter(Boolean);
+  if (parts.length > 1 && !matches("relation", phrase) && !matches("look", parts[0])) return { why: `several things: ask for one at a time, such as ${shortened(parts[0])}` };
+  for (let before = ""; phrase !== before;) {
+    before = phrase;
+    phrase = without("trail", phrase);
+    if (phrase === before) phrase = without("lead", phrase);
+  }
+  if (matches("relation", phrase) || matches("anything", phrase)) return { why: "egosplat view answers where things stand, and what is there; this page answers names of things" };
+  const singular = (word) => reading.plurals.map(([end, own]) => word.replace(new RegExp(end, "iu"), own)).find((one) => one !== word && taught.includes(one.toLowerCase()));
+  if (taught) phrase = phrase.replace(/[\p{L}\p{N}]+/gu, (word) => (taught.includes(word.toLowerCase()) || matches("pairs", word) ? word : singular(word) ?? word));
+  return { phrase };
+}
+
+// The vector of a clean phrase with its verdict, if it is known, or the reason why it has none; and how it was read, if otherwise.
 async function encodePhrase(scene, tower, phrase) {
   const { words, answers, taught } = scene.facts, { asking } = document.documentElement.dataset;
   if (!phrase) return { why: "Type the name of a thing." };
@@ -230,6 +248,9 @@ async function encodePhrase(scene, tower, phrase) {
   if (known >= 0) return { vector: scene.wordVectors[known], answer: answers[known] };
   if (phrase.length > LONGEST) return { why: "too long: shorten it" };
   if (asking) return askServer(asking, phrase);
+  const { phrase: read, why } = readPhrase(scene.facts, phrase);
+  if (why) return { why };
+  if (read !== phrase) return { ...(await encodePhrase(scene, tower, read)), read };
   if (!tower) return { why: `not on the page's list of ${words.length} words; egosplat view answers any words` };
   const tokens = tower.tokenize(phrase), limit = tower.facts.context - 2;
   if (tokens.length > limit) return { why: `too long: the model reads ${limit} tokens; shorten it` };
@@ -244,8 +265,8 @@ async function encodePhrase(scene, tower, phrase) {
 // The server that the page came from has the scene.
 async function askServer(address, phrase) {
   try {
-    const { vector, answer, why } = await (await fetch(address + encodeURIComponent(phrase))).json();
-    return why ? { why } : { vector: Float32Array.from(vector), answer };
+    const { vector, answer, why, read } = await (await fetch(address + encodeURIComponent(phrase))).json();
+    return why ? { why, read } : { vector: Float32Array.from(vector), answer, read };
   } catch {
     return { why: "egosplat view, which answers words, does not answer: is it still running?" };
   }

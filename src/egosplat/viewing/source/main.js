@@ -212,11 +212,11 @@ class Page {
     const begun = performance.now(), question = ++this.questions;
     phrase = cleanPhrase(phrase);
     $("answer").textContent = `"${shortened(phrase)}" ...`;
-    const { vector, why, answer } = await encodePhrase(this.scene, this.tower, phrase);
+    const { vector, why, answer, read } = await encodePhrase(this.scene, this.tower, phrase);
     if (question !== this.questions) return null;
     if (why) {
       this.clear();
-      return this.tell(phrase, { why });
+      return this.tell(phrase, { why, read });
     }
     const relevancy = gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector));
     this.heatTime = performance.now() - begun;
@@ -226,12 +226,12 @@ class Page {
     const { level, ...judged } = answer ?? judge(this.scene, neighbors, relevancy, phrase, vector), [best] = judged.things;
     this.answerTime = performance.now() - begun;
     $("heat").hidden = false;
-    this.mark = best ? { point: best.center, text: this.markOf(phrase, best) } : null;
+    this.mark = best ? { point: best.center, text: this.markOf(best.name ?? read ?? phrase, best) } : null;
     this.tellHistory(phrase, historyOf(this.scene, phrase, vector), judged.moving?.spans.map(([from, until]) => ({ from, until })));
     this.show({ relevancy, level: level ?? this.showing.level, instances: false });
     // What moves is masked: a carried thing is found nowhere, and yet known.
     const carried = judged.why && this.history && !judged.moving;
-    return this.tell(phrase, { ...judged, why: carried ? "carried about: not found among what stays" : judged.why });
+    return this.tell(phrase, { ...judged, read, why: carried ? "carried about: not found among what stays" : judged.why });
   }
 
   score(score) {
@@ -251,10 +251,11 @@ class Page {
   tell(phrase, answer) {
     const number = answer.things?.length ?? 0, measure = this.scene.facts.query.calibration ? "probability" : "score";
     const rated = answer.moving ? answer.moving.rating : answer.rating, rating = rated == null ? "" : ` (${measure} ${this.rating(rated)})`;
-    this.told = `"${shortened(phrase)}": ${answer.why ? answer.why + rating : number > 1 ? `${answer.grade}, ${number} of them` : answer.grade}`;
+    const read = answer.read ? ` (read as: ${shortened(answer.read)})` : "";
+    this.told = `"${shortened(phrase)}"${read}: ${answer.why ? answer.why + rating : number > 1 ? `${answer.grade}, ${number} of them` : answer.grade}`;
     this.sought = number ? answer.things[0].center : null;
     this.sayAnswer();
-    const items = answer.moving ? [this.movingItem(answer.moving)] : (answer.things ?? []).map((thing) => this.thingItem(thing, phrase));
+    const items = answer.moving ? [this.movingItem(answer.moving)] : (answer.things ?? []).map((thing) => this.thingItem(thing, thing.name ?? answer.read ?? phrase));
     $("things").replaceChildren(...items);
     return { phrase, ...answer };
   }
