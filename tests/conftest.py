@@ -36,10 +36,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Look for no garbage among imports and tests, which stay: that is a sixth of the collection's time in each process.
-
-    While tests run, it would be a twentieth of their time.
-    """
+    """Look for no garbage among imports and tests, which stay: that is a sixth of the collection's time in
+    each process. While tests run, it would be a twentieth of their time."""
     gc.disable()
     try:
         return (yield)
@@ -66,11 +64,9 @@ TOGETHER = ("tests/unit/apartments/",)
 
 @pytest.fixture(scope="module", autouse=True)
 def number_of_threads() -> Iterator[None]:
-    """Give PyTorch its number of threads back after each file.
-
-    numba, which reads .spz files, sets it to the number of cores, and so do scripts of training. Several test processes with
-    several threads each take ten times as long, because the threads wait for one another.
-    """
+    """Give PyTorch its number of threads back after each file. numba, which reads .spz files, sets it to the
+    number of cores, and so do scripts of training. Several test processes with several threads each take ten
+    times as long, because the threads wait for one another."""
     torch = sys.modules.get("torch")  # not imported for files that do not need it
     before = torch.get_num_threads() if torch else None
     yield
@@ -116,10 +112,8 @@ class Workdir:
         self.code = code or folder / "src"
 
     def options(self, *arguments: object) -> list[str]:
-        """Arguments of Snakemake with the tiny settings; options go before ``--``, targets after it.
-
-        Each job has one thread: a job's result then depends neither on the machine nor on other jobs.
-        """
+        """Arguments of Snakemake with the tiny settings; options go before ``--``, targets after it. Each job
+        has one thread: a job's result then depends neither on the machine nor on other jobs."""
         options = ["--snakefile", self.snakefile, "--cores", "2", "--max-threads", "1"]
         return [str(word) for word in (*options, "--configfile", "tiny.yaml", *arguments)]
 
@@ -197,10 +191,8 @@ class Workdir:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory, worker_id: str) -> Workdir:
-    """A working directory in which the tiny main job has run; shared by all processes of a test run.
-
-    Tests must not change it; ``workdir`` is a private copy.
-    """
+    """A working directory in which the tiny main job has run; shared by all processes of a test run. Tests
+    must not change it; ``workdir`` is a private copy."""
     temporary = tmp_path_factory.getbasetemp()
     shared = temporary if worker_id == "master" else temporary.parent
     folder = shared / "workflow"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.frames.adt import RGB_STREAM
 from egosplat.frames.adt_annotations import read_instances
-from egosplat.geometry import Array
+from egosplat.geometry import Array, transform
 
 # Shorter rests are not counted [s].
 LEAST_S = 2.0
@@ -81,6 +81,22 @@ def read_rests(recording: Path, timestamp_ns: NDArray[np.int64]) -> list[Rest]:
         sides = ([boxes.loc[uid, f"p_local_obj_{axis}{end}[m]"] for axis in _SIDES] for end in ("min", "max"))
         low, high = map(np.array, sides)
         found.append(Rest(one.name, one.category, uid, from_s / 1e9, until_s / 1e9, pose, low, high))
+    return found
+
+
+def read_boxes(recording: Path) -> dict[str, tuple[Array, float]]:
+    """The middle of the box of each thing at first (3,), in the world, and its diagonal [m], by name."""
+    poses, boxes = (pd.read_csv(recording / f"{name}.csv") for name in ("scene_objects", "3d_bounding_box"))
+    found = {}
+    for one in read_instances(recording / "instances.json"):
+        own, box = poses[poses.object_uid == one.id], boxes[boxes.object_uid == one.id]
+        if len(own) and len(box):
+            low, high = (
+                box.iloc[0][[f"p_local_obj_{axis}{end}[m]" for axis in _SIDES]] for end in ("min", "max")
+            )
+            low, high = low.to_numpy(float), high.to_numpy(float)
+            pose = _pose_at(own, int(own["timestamp[ns]"].min()))
+            found[one.name] = transform(pose, (low + high) / 2), float(np.linalg.norm(high - low))
     return found
 
 

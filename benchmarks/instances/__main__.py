@@ -4,7 +4,7 @@
     python -m benchmarks.instances results/adt/scene{2,3} > benchmarks/instances/README.md
 
 The truth is the annotation of every frame of a synthetic recording, at the level of wholes. Frames are scored at half their
-size, every third one. ``benchmarks/segments`` describes the columns.
+size, every third one. ``video_scores.py`` describes the columns.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
-from benchmarks.segments.video_scores import VideoScores, score_level
+from benchmarks.instances.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.reader import open_artifact

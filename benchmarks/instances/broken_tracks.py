@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders, survey_of, time_call
 from benchmarks.instances.__main__ import FRAME_STEP, PIXEL_STEP, iterations
+from benchmarks.instances.video_scores import VideoScores, score_level
 from benchmarks.scores import format_score
-from benchmarks.segments.video_scores import VideoScores, score_level
 from benchmarks.transient.truth import Truth, read_truth
 from benchmarks.true_instances.__main__ import PRESETS, run, score, write_instances
 from egosplat.artifacts import provenance

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.instances import broken_tracks
-from benchmarks.segments.video_scores import score_level
+from benchmarks.instances.video_scores import score_level
 from benchmarks.true_instances import __main__ as true_instances
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import FRAMES, SCHEMAS

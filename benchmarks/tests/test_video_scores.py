@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.segments.video_scores import score_level
+from benchmarks.instances.video_scores import score_level
 
 
 def video(columns: list[int], frames: int = 6) -> list[np.ndarray]:

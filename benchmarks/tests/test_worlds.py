@@ -5,7 +5,6 @@ import re
 import pytest
 from click.testing import CliRunner
 
-from benchmarks.segments import __main__ as segments
 from benchmarks.single_frames import __main__ as single_frames
 from benchmarks.small_open_clip import __main__ as small_open_clip
 from benchmarks.small_sam2 import __main__ as small_sam2
@@ -36,13 +35,6 @@ def test_single_frames_are_segmented_and_scored(worlds):
     rows = [row for row in cells(said) if row[0].startswith("points_per_side")]
     assert [row[1] for row in rows] == ["whole", "part", "subpart"]
     assert all(float(row[-2]) > 0 for row in rows) and any(0 < float(row[5]) <= 1 for row in rows)
-
-
-def test_videos_are_segmented_and_scored(worlds):
-    rows = cells(run(segments.main, worlds, "--limit", 1, "--method", "classical"))
-    assert [row[:2] for row in rows[1:]] == [["classical", level] for level in ("subpart", "part", "whole")]
-    whole = dict(zip(rows[0], rows[-1], strict=True))
-    assert int(whole["found"]) > 0 and 0 < float(whole["IoU over time"]) <= 1
 
 
 def test_both_segmenters_answer_points_and_track(worlds):

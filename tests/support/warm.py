@@ -1,8 +1,7 @@
-"""Snakemake and the command ``egosplat`` in processes that are forked from one that has imported their libraries.
-
-For the scene of a test, importing PyTorch takes a stage longer than its work, and importing Snakemake takes longer than a plan.
-The code of egosplat is imported by each call itself, because tests edit it.
-"""
+"""Snakemake and the command ``egosplat`` in processes that are forked from one that has imported their
+libraries. For the scene of a test, importing PyTorch takes a stage longer than its work, and importing
+Snakemake takes longer than a plan. The code of egosplat is imported by each call itself, because tests edit
+it."""
 
 import atexit
 import gc
@@ -84,10 +83,8 @@ def warm_stages() -> dict[str, str]:
 
 
 def on_cluster(*, steps: bool) -> dict[str, str]:
-    """The environment in which the Snakemake of a cluster's job is warm; with ``steps`` that of its step, and its stages, too.
-
-    SLURM sees neither memory nor time of what is forked from elsewhere.
-    """
+    """The environment in which the Snakemake of a cluster's job is warm; with ``steps`` that of its step, and
+    its stages, too. SLURM sees neither memory nor time of what is forked from elsewhere."""
     python = f"{_client(_server('snakemake'))} {_server('egosplat') if steps else COLD}"
     return {JOBS: python, STEPS: python if steps else sys.executable}
 
@@ -140,9 +137,7 @@ def _ask(
 
 def _ask_as_python(name: str, stages: str, arguments: list[str]) -> int:
     """Have the server run what ``python -m snakemake`` is asked for in a cluster's job; its stages are warm.
-
-    The shell of a job drops the variable of ``warm_stages``, because its name is none in a shell.
-    """
+    The shell of a job drops the variable of ``warm_stages``, because its name is none in a shell."""
     environment = dict(os.environ)
     environment.pop(STAGES, None)
     if stages != COLD:

@@ -22,10 +22,8 @@ def scene(finished, tmp_path) -> Path:
 
 @pytest.fixture
 def refused(capfd, monkeypatch, tmp_path) -> Callable[..., str]:
-    """Run the command line; it must end with status 2, a short message and nothing new on disk.
-
-    What it says is returned without the path of the test's folder, which holds the test's name.
-    """
+    """Run the command line; it must end with status 2, a short message and nothing new on disk. What it says
+    is returned without the path of the test's folder, which holds the test's name."""
 
     def run(*arguments: object) -> str:
         before = {path for path in tmp_path.rglob("*")}

@@ -41,9 +41,7 @@ HERE = (
 @pytest.fixture
 def submit(slurm, monkeypatch):
     """Runs Snakemake in a working directory so that it submits to SLURM: what it said, and SLURM's jobs.
-
-    ``measured``: a job is a process of SLURM's own, whose memory SLURM sees.
-    """
+    ``measured``: a job is a process of SLURM's own, whose memory SLURM sees."""
     for name, value in slurm.environment.items():
         monkeypatch.setenv(name, value)
     before = set(slurm.states())

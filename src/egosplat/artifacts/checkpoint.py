@@ -112,11 +112,9 @@ class Work:
         gather: Sequence[Path] = (),
         more: Mapping[str, Any] | None = None,
     ) -> None:
-        """Set up for a recording of a number of frames (UserError: it has no such chunk); ``made`` and ``more`` as in
-        ``key_of``.
-
-        The output are the results of a ``chunk``, from 1, if one is given; to ``gather`` are outputs of all chunks, in order.
-        """
+        """Set up for a recording of a number of frames (UserError: it has no such chunk); ``made`` and
+        ``more`` as in ``key_of``. The output are the results of a ``chunk``, from 1, if one is given; to
+        ``gather`` are outputs of all chunks, in order."""
         self._chunks = split_frames(frames)
         if chunk is not None and chunk > len(self._chunks):
             raise UserError(f"--chunk {chunk}: the recording has {len(self._chunks)}, of {frames} frames")
@@ -132,11 +130,9 @@ class Work:
         what: str,
         unit: str = "frame",
     ) -> list[Any] | None:
-        """Do the work; None if it is that of a chunk, whose results are written.
-
-        ``plan`` makes units of chunks of frames, and ``do`` yields the result of each, a value of a ``State``; the others as in
-        ``track``. UserError: what is gathered is damaged, of another run, or not all of it.
-        """
+        """Do the work; None if it is that of a chunk, whose results are written. ``plan`` makes units of
+        chunks of frames, and ``do`` yields the result of each, a value of a ``State``; the others as in
+        ``track``. UserError: what is gathered is damaged, of another run, or not all of it."""
         if self._gather:
             return self._gathered()
         units = plan(self._chunks if self._chunk is None else [self._chunks[self._chunk - 1]])

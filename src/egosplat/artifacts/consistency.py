@@ -13,10 +13,9 @@ from egosplat.pipeline.survey_file import frames_of_gaussians, read_survey
 
 
 def check_made_from(made: Artifact, *sources: Artifact, axes: Sequence[str] = ()) -> None:
-    """Check that an artifact was made from ``sources``; UserError if a digest, or the size of one of the ``axes``, differs.
-
-    Sources whose file name its provenance does not record are compared by ``axes`` alone.
-    """
+    """Check that an artifact was made from ``sources``; UserError if a digest, or the size of one of the
+    ``axes``, differs. Sources whose file name its provenance does not record are compared by ``axes``
+    alone."""
     inputs = made.provenance["inputs"]
     for source in sources:
         same = inputs.get(source.path.name, source.digest) == source.digest
@@ -46,11 +45,10 @@ def _size(artifact: Artifact, axis: str) -> int:
 def kept_frames(
     frames: Artifact, survey_path: Path | None, masking: str | None = None
 ) -> tuple[NDArray[np.bool_], dict[str, str]]:
-    """The (F,) bool frames to train on, and ``{"kept_frames": digest}`` for the provenance; all, and {}, without a survey.
-
-    They are those that add views. Gaussians of a static scene without masks take every frame: ``masking``, the value of
-    ``splats.masking``, asks for theirs. UserError if the survey cannot be read, or is of other frames.
-    """
+    """The (F,) bool frames to train on, and ``{"kept_frames": digest}`` for the provenance; all, and {},
+    without a survey. They are those that add views. Gaussians of a static scene without masks take every
+    frame: ``masking``, the value of ``splats.masking``, asks for theirs. UserError if the survey cannot be
+    read, or is of other frames."""
     kept = np.zeros(frames.shape("rgb")[0], bool)
     if survey_path is None:
         return ~kept, {}

@@ -53,11 +53,9 @@ def _with_digest(folders: Iterable[Path], name: str, digest: str) -> Path | None
 
 
 def locate(folder: Path, *names: str) -> list[Path]:
-    """The path of each artifact of a scene or variant, which shares artifacts with its scene and other variants.
-
-    One that is nowhere would be in ``folder``. UserError if an artifact or metrics.json of the variant is damaged, or its
-    artifacts do not belong together.
-    """
+    """The path of each artifact of a scene or variant, which shares artifacts with its scene and other
+    variants. One that is nowhere would be in ``folder``. UserError if an artifact or metrics.json of the
+    variant is damaged, or its artifacts do not belong together."""
     found: Mapping[str, Artifact] = {}
     if folder.parent.name == "variants" and (own := _own(folder)):
         found = lineage(own).found
@@ -84,11 +82,9 @@ def open_histories(folder: Path, splats: Artifact) -> Artifact | None:
 
 
 def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
-    """Verify ``*.zarr`` and ``DOCUMENTS`` at or below a folder: the problem of each, empty if it is sound (UserError: there is
-    none).
-
-    Bytes match the digest, a JSON file its schema, and an input in the same folder the digest of the provenance.
-    """
+    """Verify ``*.zarr`` and ``DOCUMENTS`` at or below a folder: the problem of each, empty if it is sound
+    (UserError: there is none). Bytes match the digest, a JSON file its schema, and an input in the same
+    folder the digest of the provenance."""
     paths = [folder] if _is_result(folder) else sorted(filter(_is_result, folder.rglob("*")))
     if not paths:
         raise UserError(f"{folder}: holds no artifact. Give a folder of results, such as results/adt/scene1")

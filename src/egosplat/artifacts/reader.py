@@ -1,8 +1,5 @@
-"""Read artifacts with checks.
-
-Opening checks schema, version, seal and completeness. Reading checks the CRC32C of each chunk, and its numbers by the
-schema. ``verify`` checks every byte and number.
-"""
+"""Read artifacts with checks. Opening checks schema, version, seal and completeness. Reading checks the
+CRC32C of each chunk, and its numbers by the schema. ``verify`` checks every byte and number."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -31,11 +28,8 @@ class _Attributes(dict[str, Any]):
 
 
 class Artifact:
-    """A checked, read-only artifact, made by ``open_artifact`` or ``open_any``.
-
-    ``facts`` are small results that are not arrays; ``digest`` is SHA-256 over the arrays; ``origin`` is ``real`` or
-    ``synthetic``.
-    """
+    """A checked, read-only artifact, made by ``open_artifact`` or ``open_any``. ``facts`` are small results
+    that are not arrays; ``digest`` is SHA-256 over the arrays; ``origin`` is ``real`` or ``synthetic``."""
 
     def __init__(self, path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> None:
         self.path, self.schema, self._group = path, schema, group
@@ -106,11 +100,9 @@ class Artifact:
 
 
 def open_artifact(path: Path, schema: Schema) -> Artifact:
-    """Open an artifact and check all that can be checked without reading its arrays.
-
-    ArtifactError: it is absent, of another kind or version, or damaged; the message says how to rebuild it. OSError,
-    MemoryError, RuntimeError: a system error, see ``egosplat.errors``.
-    """
+    """Open an artifact and check all that can be checked without reading its arrays. ArtifactError: it is
+    absent, of another kind or version, or damaged; the message says how to rebuild it. OSError, MemoryError,
+    RuntimeError: a system error, see ``egosplat.errors``."""
     group, attributes = _open(path)
     if (kind := attributes.get("schema")) != schema.name:
         raise ArtifactError(f"{path}: holds {kind!r}, not {schema.name!r}. Give the {schema.name} artifact.")

@@ -1,8 +1,6 @@
-"""The schemas of artifacts, and what stages read from several of them.
-
-A stage that imports one of these is stale when that one changes, not when another does (``pipeline.code_hash``): a definition
-stands below those that it needs.
-"""
+"""The schemas of artifacts, and what stages read from several of them. A stage that imports one of these is
+stale when that one changes, not when another does (``pipeline.code_hash``): a definition stands below those
+that it needs."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -70,10 +70,8 @@ def recording_origin(format: str, recording: Path) -> Origin:
 
 
 def digest_of_recording(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> str:
-    """Digest of the names and bytes of all files that a stage opens, 16 hexadecimal digits; arguments as of ``opened_files``.
-
-    Bytes are read again where size, time or inode of a file changed since the last call.
-    """
+    """Digest of the names and bytes of all files that a stage opens, 16 hexadecimal digits; arguments as of
+    ``opened_files``. Bytes are read again where size, time or inode of a file changed since the last call."""
     files = sorted({*opened_files(stage, format, recording, config)})
     if not files:
         return "none"
@@ -102,10 +100,9 @@ def _digest_of_file(path: Path, known: list[Any] | None) -> list[Any]:
 
 
 def opened_files(stage: str, format: str, recording: Path, config: Mapping[str, Any]) -> list[Path]:
-    """The existing files of a recording (folder, video, or name of a HOI4D sequence) that frames, annotations or poses opens.
-
-    Of the configuration ``frames.known_poses``, ``poses.method`` and ``poses.trajectory`` count.
-    """
+    """The existing files of a recording (folder, video, or name of a HOI4D sequence) that frames, annotations
+    or poses opens. Of the configuration ``frames.known_poses``, ``poses.method`` and ``poses.trajectory``
+    count."""
     known, files = config["frames"]["known_poses"], []
     if stage == "poses":
         source = chosen_poses(format, recording, config)
@@ -294,10 +291,8 @@ def model_files(folder: Path) -> list[Path]:
 
 
 def picture_folders(recording: Path, wanted: str) -> list[Path]:
-    """The folders with the pictures of a folder's recording: those that its known poses name, or the folder itself.
-
-    A folder without pictures may have them in ``images``.
-    """
+    """The folders with the pictures of a folder's recording: those that its known poses name, or the folder
+    itself. A folder without pictures may have them in ``images``."""
     names = [name for kind in present_known_poses(recording, wanted) for name in _names(recording, kind)]
     roots = [root for root in (recording, recording / PROJECT_PICTURES) if root.is_dir()]
     choices = [*(_named_folders(recording, root, names) for root in roots), *([root] for root in roots)]

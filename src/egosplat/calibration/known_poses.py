@@ -31,10 +31,8 @@ _EXTENSIONS = (
 
 
 def find_known_poses(recording: Path, wanted: str) -> str | None:
-    """The kind of a recording's known poses, a key of ``KNOWN_POSES``, by ``frames.known_poses``; None without any.
-
-    UserError if the wanted file does not exist, or ``auto`` finds two.
-    """
+    """The kind of a recording's known poses, a key of ``KNOWN_POSES``, by ``frames.known_poses``; None
+    without any. UserError if the wanted file does not exist, or ``auto`` finds two."""
     present = present_known_poses(recording, wanted)
     if wanted in KNOWN_POSES and not present:
         path = known_poses_path(recording, wanted)
@@ -47,11 +45,9 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
 
 
 def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Contents:
-    """Read the known poses of a recording, of a kind from ``find_known_poses``.
-
-    ``width`` and ``height`` are those of the full pictures [px], for a file that does not name them. UserError if the file is damaged, a
-    camera is not supported, or a pose is not rigid or far from all others.
-    """
+    """Read the known poses of a recording, of a kind from ``find_known_poses``. ``width`` and ``height`` are
+    those of the full pictures [px], for a file that does not name them. UserError if the file is damaged, a
+    camera is not supported, or a pose is not rigid or far from all others."""
     path = known_poses_path(recording, kind)
     contents = read_model(path) if kind == "colmap" else read_transforms(path, width, height)
     for lens in contents.lenses:
@@ -80,11 +76,10 @@ def match_pictures(
     names: Sequence[str], pictures: Sequence[str], path: Path
 ) -> tuple[NDArray[np.int64], list[str]]:
     """Assign the entries of a file to pictures: one name is the end of the other, whose extension may differ.
-
-    ``pictures`` are names from the recording's folder, or the numbers of a video's frames, counted from 0. Returns (P,) int64, the entry
-    of each picture, -1 where there is none, and the names of the entries that match no picture. UserError, of the file ``path``, if two
-    entries match one picture, an entry matches two, or no entry matches any.
-    """
+    ``pictures`` are names from the recording's folder, or the numbers of a video's frames, counted from 0.
+    Returns (P,) int64, the entry of each picture, -1 where there is none, and the names of the entries that
+    match no picture. UserError, of the file ``path``, if two entries match one picture, an entry matches two,
+    or no entry matches any."""
     by_stem: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
     for index, parts in enumerate(map(_parts, pictures)):
         by_stem.setdefault(parts[-1], []).append((index, parts))

@@ -91,10 +91,8 @@ class Lens:
 
     @cached_property
     def pinhole(self) -> Camera:
-        """The pinhole camera of the rectified pictures: of the same size, with the largest view without blank pixels.
-
-        A camera without distortion is returned as it is. UserError as for ``inner_view``.
-        """
+        """The pinhole camera of the rectified pictures: of the same size, with the largest view without blank
+        pixels. A camera without distortion is returned as it is. UserError as for ``inner_view``."""
         fx, fy, cx, cy = self._linear()
         if self.is_pinhole:
             return Camera(self.width, self.height, fx, fy, cx, cy)
@@ -107,10 +105,9 @@ class Lens:
         return Camera(self.width, self.height, fx, fy, cx, cy)
 
     def inner_view(self) -> tuple[float, float, float, float]:
-        """Left, top, right, bottom of the largest rectangle in the undistorted border of the picture, at depth 1.
-
-        UserError if the view is too wide for a pinhole camera, or the distortion cannot be inverted.
-        """
+        """Left, top, right, bottom of the largest rectangle in the undistorted border of the picture, at
+        depth 1. UserError if the view is too wide for a pinhole camera, or the distortion cannot be
+        inverted."""
         # Half a pixel inside, so that bilinear sampling has all its neighbors.
         along = np.linspace(0.0, 1.0, _BORDER_POINTS)
         x, y = 0.5 + along * (self.width - 1), 0.5 + along * (self.height - 1)

@@ -63,10 +63,8 @@ class _View(BaseModel):
 
 
 def read_transforms(path: Path, width: int, height: int) -> Contents:
-    """Read the cameras, the poses and the points; UserError if the file is damaged, or has a key that is not supported.
-
-    ``width`` and ``height`` are those of the pictures [px], for files that do not name them.
-    """
+    """Read the cameras, the poses and the points; UserError if the file is damaged, or has a key that is not
+    supported. ``width`` and ``height`` are those of the pictures [px], for files that do not name them."""
     try:
         content = read_json(path)
     except (OSError, ValueError) as error:

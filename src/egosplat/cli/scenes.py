@@ -51,8 +51,12 @@ def _check_paths(
     return output
 
 
-@on_folder(AskingOptions, "query", "Find things in a finished scene by words.")
-@_PHRASES
+@on_folder(AskingOptions, "query", "Find things in a finished scene by words, or by a picture.")
+@click.argument("phrases", nargs=-1)
+@click.option(
+    "--like", multiple=True, type=FILE, help="Picture of a thing to find. PHRASES are further scenes."
+)
+@click.option("--names", type=ARTIFACT, help="Scene whose names, given by egosplat name, are known as well.")
 @click.option("--at", callback=parse_time, metavar="MIN:S", help="Where carried things were then, as 1:05.")
 @click.option("--frame", type=click.IntRange(0), help="Search only this frame. [default: the whole scene]")
 @click.option("--pose", type=ARTIFACT, help='Search only this view: JSON, {"camera_to_world": 4 rows of 4}.')
@@ -68,16 +72,48 @@ def query(
     pose: Path | None = None,
     most: int = MOST,
     at: float | None = None,
+    like: tuple[str, ...] = (),
+    names: Path | None = None,
 ) -> None:
-    """Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1."""
+    """Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1; or what --like shows."""
+    if not (phrases or like):
+        raise click.UsageError("give words, or a picture: --like crop.png")
     output = _check_paths(folder, ASKED, "query.png", output, overwrite)
     with without_collection():
+        from egosplat.query import like as pictures
         from egosplat.query.command import run
         from egosplat.query.finished_scene import open_scene
 
         scene = open_scene(folder, options)
-        for paragraph in run(scene, phrases, scene.viewpoint(frame, pose), most, output, at):
-            click.echo(paragraph)
+        known = pictures.read_names(folder) | (pictures.read_names(names) if names else {})
+        named = {} if like else {one: known[one.lower()] for one in phrases if one.lower() in known}
+        rest = [one for one in phrases if one not in named and not like]
+        if like or named:
+            scenes = [scene, *(open_scene(Path(one), options) for one in phrases if like)]
+            page = output.with_stem(f"{output.stem}_like") if rest else output
+            for paragraph in pictures.run(scenes, [*map(Path, like)], named, most, page):
+                click.echo(paragraph)
+        if rest:
+            for paragraph in run(scene, rest, scene.viewpoint(frame, pose), most, output, at):
+                click.echo(paragraph)
+
+
+@on_folder(AskingOptions, "query", "Give a thing of a finished scene a name, to ask for it.")
+@click.argument("thing")
+@click.argument("name")
+def name(folder: Path, thing: str, name: str, options: AskingOptions) -> None:
+    """Give THING of the scene of FOLDER the NAME "my mug". THING: a word that finds it, or its place, as 0.1,2,-1."""
+    check_scene_folder(folder, ASKED)
+    from egosplat.query.finished_scene import open_scene
+    from egosplat.query.like import give_name
+
+    named = give_name(open_scene(folder, options), thing, name)
+    place = ", ".join(f"{one:.2f}" for one in named.center)
+    click.echo(f'The thing at {place} is "{name}": egosplat query {shlex.quote(str(folder))} "{name}"')
+
+
+# A place may begin with a minus.
+name.ignore_unknown_options = True
 
 
 @on_folder(ScenePageOptions, "scene_page", "Write a finished scene as one HTML file to share.")
@@ -212,4 +248,4 @@ def run(
         show_scene(folder, PageOptions(), "127.0.0.1", 0, browse=True)
 
 
-COMMANDS = (run, query, view, page, export, movie)
+COMMANDS = (run, query, name, view, page, export, movie)

@@ -79,10 +79,9 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
 
 
 def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, float]:
-    """What decides whether each view of one instance, (V, D) finite, is an inlier: (V,) float64, and the largest of an inlier.
-
-    ``element``: fraction of channels in which the view is an outlier; else d_j of the module, 0 for ``none``.
-    """
+    """What decides whether each view of one instance, (V, D) finite, is an inlier: (V,) float64, and the
+    largest of an inlier. ``element``: fraction of channels in which the view is an outlier; else d_j of the
+    module, 0 for ``none``."""
     values = views.astype(np.float64)[None]
     if norm == "none":
         return np.zeros(len(views)), 0.0

@@ -23,10 +23,8 @@ _COSINES_AT_ONCE = 2**12
 
 @dataclass(frozen=True)
 class Need:
-    """Fewest code channels with which a fraction ``SHARE`` of the rows is reconstructed.
-
-    ``share`` is the (D,) fraction of the rows reconstructed with 1, 2, ... channels; 1 if there are no rows.
-    """
+    """Fewest code channels with which a fraction ``SHARE`` of the rows is reconstructed. ``share`` is the
+    (D,) fraction of the rows reconstructed with 1, 2, ... channels; 1 if there are no rows."""
 
     dims: int
     share: Floats
@@ -74,10 +72,8 @@ def fit(
 
 
 def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) -> Compression:
-    """Fit the mean and ``dims`` principal directions: the linear code with the least squared error.
-
-    Without ``dims``, uses as many as ``needed_dims`` returns for ``least_cosine``.
-    """
+    """Fit the mean and ``dims`` principal directions: the linear code with the least squared error. Without
+    ``dims``, uses as many as ``needed_dims`` returns for ``least_cosine``."""
     width = features.shape[1]
     # Two passes, because sums of squares minus the squared mean would cancel.
     mean, scatter = np.zeros(width), np.zeros((width, width))
@@ -110,10 +106,8 @@ def _blocks(features: Features) -> Iterator[NDArray[np.float64]]:
 
 
 def needed_dims(features: Features, mean: Floats, basis: Floats, least_cosine: float) -> Need:
-    """Return the fewest principal directions that reconstruct (R, D) rows with at least the cosine ``least_cosine``, or all.
-
-    ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first.
-    """
+    """Return the fewest principal directions that reconstruct (R, D) rows with at least the cosine
+    ``least_cosine``, or all. ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first."""
     good = np.zeros(len(mean))
     for cosines in _cosines(features, mean, basis):
         good += (cosines >= least_cosine).sum(axis=0)

@@ -81,10 +81,8 @@ def join_views(parts: Sequence[InstanceViews]) -> InstanceViews:
 
 
 def find_regions(labels: Labels, count: int, frame: int = 0) -> InstanceViews:
-    """Find the instances that a frame shows, in ascending order.
-
-    ``labels`` are (L, H, W) int32 instances at each level, below ``count``, -1 for none; an instance belongs to one level.
-    """
+    """Find the instances that a frame shows, in ascending order. ``labels`` are (L, H, W) int32 instances at
+    each level, below ``count``, -1 for none; an instance belongs to one level."""
     table = np.zeros((count, 7), np.int32)
     table[:, 0], table[:, 1] = np.arange(count), frame
     table[:, 2] = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
@@ -100,10 +98,9 @@ def find_regions(labels: Labels, count: int, frame: int = 0) -> InstanceViews:
 def cut_crop(
     rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32], *, hull: bool = False
 ) -> Pixels:
-    """Cut the square around an instance's box x0, y0, x1, y1 [px], black outside its mask, or outside the convex hull of it.
-
-    ``rgb`` and ``labels`` are (H, W, 3) uint8, and (H, W) at its level; the result as of ``pad_square``.
-    """
+    """Cut the square around an instance's box x0, y0, x1, y1 [px], black outside its mask, or outside the
+    convex hull of it. ``rgb`` and ``labels`` are (H, W, 3) uint8, and (H, W) at its level; the result as of
+    ``pad_square``."""
     x0, y0, x1, y1 = (int(value) for value in box)
     # Black outside the mask, as in LangSplat: the crop is S_i ⊙ I of the paper.
     mask = labels[y0:y1, x0:x1] == instance
@@ -163,11 +160,9 @@ def channels(clip: OpenClip) -> int:
 def find_views(
     frames: Artifact, instances: Artifact, min_area: float, max_views: int | None, chunks: list[range]
 ) -> InstanceViews:
-    """Find the views to encode in chunks of frames, sorted by instance, then frame.
-
-    ``min_area`` is the smallest mask as a fraction of the image, at least one pixel; ``max_views`` the largest number of views
-    per instance, evenly spaced, None for all.
-    """
+    """Find the views to encode in chunks of frames, sorted by instance, then frame. ``min_area`` is the
+    smallest mask as a fraction of the image, at least one pixel; ``max_views`` the largest number of views
+    per instance, evenly spaced, None for all."""
     count = instances.shape("instances/level")[0]
     _, _, height, width = instances.shape("labels")
     # An instance without a pixel has no crop, even if ``min_area`` is 0.

@@ -79,10 +79,8 @@ def agreement(views: Features, consistent: Features, instance: NDArray[np.intege
 
 
 def spread(features: Features) -> float | None:
-    """Mean cosine between different rows of (N, D) features; None for fewer than two.
-
-    It is 1 if all are equal, which too few code channels cause (docs/method.md#code-dimensions).
-    """
+    """Mean cosine between different rows of (N, D) features; None for fewer than two. It is 1 if all are
+    equal, which too few code channels cause (docs/method.md#code-dimensions)."""
     count = len(features)
     if count < 2:
         return None

@@ -1,8 +1,6 @@
-"""Import HOI4D recordings (docs/method.md#hoi4d-files), and for evaluation only their motion segmentation.
-
-A sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. Masks of hands and handled objects are RGB images, 15 per
-second, with the colors of PASCAL VOC.
-"""
+"""Import HOI4D recordings (docs/method.md#hoi4d-files), and for evaluation only their motion segmentation. A
+sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. Masks of hands and handled objects are RGB
+images, 15 per second, with the colors of PASCAL VOC."""
 
 from pathlib import Path
 
@@ -58,10 +56,9 @@ _MAX_UNKNOWN_SHARE = 0.01
 
 
 def open_recording(path: Path, options: FramesOptions) -> Recording:
-    """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root folder.
-
-    UserError if the sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected.
-    """
+    """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root
+    folder. UserError if the sequence, its video or its intrinsics are missing, damaged or too small, or no
+    frame is selected."""
     folder = find_sequence(path)
     video = open_video(folder / HOI4D_VIDEO)
     (width, height), resolution = video.size, options.resolution
@@ -103,10 +100,9 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
-    """Open the masks of a sequence; None if it has none, UserError if its object category is unknown.
-
-    Maps are read with UserError if the mask is unreadable, or of another shape or other colors. Ids are labels 1 to 6.
-    """
+    """Open the masks of a sequence; None if it has none, UserError if its object category is unknown. Maps
+    are read with UserError if the mask is unreadable, or of another shape or other colors. Ids are labels 1
+    to 6."""
     folder, camera = find_sequence(path), keys.camera
     if (masks := find_masks(folder)) is None:
         return None

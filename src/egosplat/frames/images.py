@@ -111,10 +111,8 @@ class Source:
 
 
 def open_folder(path: Path, folders: Sequence[Path], *, turned: bool) -> Source:
-    """Read the headers of the png, jpg and jpeg pictures in folders of ``path``, one a second in natural order (2 before 10).
-
-    UserError if there is no picture, or one is damaged or twice there.
-    """
+    """Read the headers of the png, jpg and jpeg pictures in folders of ``path``, one a second in natural
+    order (2 before 10). UserError if there is no picture, or one is damaged or twice there."""
     listed = [image for each in folders for image in sorted(list_pictures(each), key=natural_key)]
     others = _other_formats(folders)
     if not listed:

@@ -1,7 +1,5 @@
-"""Capture the log of C++ libraries (projectaria-tools, FFmpeg inside OpenCV).
-
-They log every step, and occasionally a real problem, directly to the process's standard output and error.
-"""
+"""Capture the log of C++ libraries (projectaria-tools, FFmpeg inside OpenCV). They log every step, and
+occasionally a real problem, directly to the process's standard output and error."""
 
 import contextlib
 import os
@@ -23,9 +21,7 @@ _CHATTER = re.compile(
 @contextlib.contextmanager
 def captured_log() -> Iterator[list[str]]:
     """Capture the messages that C++ code logs inside the block, without chatter; they appear nowhere else.
-
-    The list is filled when the block ends. Log the messages or put them into an error.
-    """
+    The list is filled when the block ends. Log the messages or put them into an error."""
     # C++ writes to file descriptors 1 and 2, so redirecting sys.stdout and sys.stderr would not catch it.
     messages: list[str] = []
     sys.stdout.flush()

@@ -89,10 +89,9 @@ class Pictures:
 
 
 def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled | None = None) -> Recording:
-    """Open a video or a folder of images; UserError if it or its calibration cannot be read, or no frame is selected.
-
-    ``find_labeled`` gives indices of labeled pictures among names; these are taken whatever the stride.
-    """
+    """Open a video or a folder of images; UserError if it or its calibration cannot be read, or no frame is
+    selected. ``find_labeled`` gives indices of labeled pictures among names; these are taken whatever the
+    stride."""
     kind = known_poses.find_known_poses(path, options.known_poses)
     every = calibrate(path, kind, open_source(path, kind))
     width, height = every.size
@@ -133,10 +132,8 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
 
 
 def calibrate(path: Path, kind: str | None, source: Source) -> Source:
-    """Give full-size pictures the lenses and masks of the known poses, or the lens of ``camera.json``, if there is any.
-
-    Pictures without a camera are left out where there are several cameras.
-    """
+    """Give full-size pictures the lenses and masks of the known poses, or the lens of ``camera.json``, if
+    there is any. Pictures without a camera are left out where there are several cameras."""
     file = companion_path(path, CAMERA_FILE)
     # A broken link is not a missing file: reading it reports the error.
     calibrated = os.path.lexists(file)

@@ -17,10 +17,8 @@ _AUTO_EVALUATION_FRAMES, _FRAMES_PER_EVALUATION_FRAME = 12, 6
 
 
 def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, source: Path) -> NDArray[np.int64]:
-    """Indices, (F,) int64, of every ``stride``-th of (N,) times in the range start_s <= t < end_s, the first one included.
-
-    UserError if the times do not increase, or no frame is in the range.
-    """
+    """Indices, (F,) int64, of every ``stride``-th of (N,) times in the range start_s <= t < end_s, the first
+    one included. UserError if the times do not increase, or no frame is in the range."""
     start_s, end_s = options.start_s, options.end_s
     if not (np.diff(timestamp_ns) > 0).all():
         raise UserError(f"{source}: frames are not in order of time. Copy the recording again.")
@@ -40,13 +38,10 @@ def split_frames(
     count: int, options: FramesOptions, annotated: bool, labeled: NDArray[np.int64] | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Choose the middle frame of each of ``evaluation_frames`` equal parts of the recording for evaluation.
-
-    Args:
-        annotated: without annotations there is no query to score, so that auto lets every frame train.
-        labeled: the frames that alone may be chosen, increasing: parts are then of these; None if all may.
-
-    Returns two (count,) bool arrays, training and evaluation frames; UserError if there are too few frames for the split.
-    """
+    ``annotated``: without annotations there is no query to score, so that auto lets every frame train.
+    ``labeled``: the frames that alone may be chosen, increasing: parts are then of these; None if all may.
+    Returns two (count,) bool arrays, training and evaluation frames; UserError if there are too few frames
+    for the split."""
     if count < _MIN_TRAINING_FRAMES:
         more = "add pictures, or take more of them (frames.stride, frames.start_s, frames.end_s)"
         raise UserError(f"{count} frame is read, and training needs {_MIN_TRAINING_FRAMES} or more: {more}.")

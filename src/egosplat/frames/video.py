@@ -41,9 +41,7 @@ class Video(Source):
 
 def open_video(path: Path) -> Video:
     """Scan a video for the presentation times of its frames, which are rebuilt if they do not increase.
-
-    UserError if it is missing, no frame can be decoded, or its pixels are not square.
-    """
+    UserError if it is missing, no frame can be decoded, or its pixels are not square."""
     # The frame count and rate in the header are unreliable.
     capture, messages = _open(path), []
     declared, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
@@ -76,10 +74,9 @@ def open_video(path: Path) -> Video:
 
 
 def open_source(path: Path, known_poses: str | None, *, turned: bool | None = None) -> Source:
-    """Open a video file or an image folder; UserError if it cannot be read, or pictures without known poses differ in size.
-
-    EXIF orientation is applied, unless ``turned`` says otherwise, without known poses alone: their tools do not turn pictures.
-    """
+    """Open a video file or an image folder; UserError if it cannot be read, or pictures without known poses
+    differ in size. EXIF orientation is applied, unless ``turned`` says otherwise, without known poses alone:
+    their tools do not turn pictures."""
     if not path.is_dir():
         return open_video(path)
     turned = known_poses is None if turned is None else turned
@@ -93,10 +90,9 @@ def open_source(path: Path, known_poses: str | None, *, turned: bool | None = No
 
 
 def rebuild_times(milliseconds: NDArray[np.float64], declared: float) -> tuple[NDArray[np.float64], float]:
-    """Even times [ms] of frames whose own do not increase, as in AVI with B-frames, raw streams and joined files.
-
-    Returns the frames a second, too: by the median of the steps that go forward, else as ``declared`` by the header.
-    """
+    """Even times [ms] of frames whose own do not increase, as in AVI with B-frames, raw streams and joined
+    files. Returns the frames a second, too: by the median of the steps that go forward, else as ``declared``
+    by the header."""
     steps = np.diff(milliseconds)
     forward = steps[steps > 0]
     step = float(np.median(forward)) if len(forward) else 1e3 / (declared if declared > 0 else _ASSUMED_RATE)

@@ -1,8 +1,7 @@
 """Corrections of each training view, optimized together with the Gaussians: its pose and its exposure.
-
-docs/method.md#corrections has the formulas. A pose's correction is a translation of the camera's center and a rotation vector about
-it, both along the axes of the world, so neither depends on where the world's origin lies.
-"""
+docs/method.md#corrections has the formulas. A pose's correction is a translation of the camera's center and a
+rotation vector about it, both along the axes of the world, so neither depends on where the world's origin
+lies."""
 
 import math
 from dataclasses import replace
@@ -104,10 +103,8 @@ class Corrections:
 
     @torch.no_grad()
     def step(self, index: int, iteration: int) -> None:
-        """Update the view of the last ``camera_to_world`` from its gradient, one step of Adam (Kingma & Ba 2015).
-
-        A gradient that is not finite changes nothing.
-        """
+        """Update the view of the last ``camera_to_world`` from its gradient, one step of Adam (Kingma & Ba
+        2015). A gradient that is not finite changes nothing."""
         gradient = self._leaf.grad
         if gradient is None or not bool(gradient.isfinite().all()):
             return
@@ -132,11 +129,9 @@ class Corrections:
         return predicts(self.trained_frames, self.values[self.steps > 0].numpy())
 
     def values_at(self, frames: NDArray[np.integer]) -> Tensor:
-        """Corrections of any frames, (M, 9): a training view's own, else from the training views before and after.
-
-        Interpolated if that predicts the corrections of the training views themselves better than 0 does: the error of a
-        device's trajectory changes slowly, that of single photographs does not.
-        """
+        """Corrections of any frames, (M, 9): a training view's own, else from the training views before and
+        after. Interpolated if that predicts the corrections of the training views themselves better than 0
+        does: the error of a device's trajectory changes slowly, that of single photographs does not."""
         known, own = self.trained_frames, self.values[self.steps > 0].numpy()
         result = np.zeros((len(frames), COLUMNS))
         if len(known):
@@ -172,10 +167,8 @@ def adam(values: Tensor, moments: Tensor, gradient: Tensor, rates: Tensor, step:
 
 
 def predicts(known: NDArray[np.integer], values: NDArray[np.float64]) -> bool:
-    """Whether interpolation between the neighbors of (K, C) values at (K,) increasing frames is nearer to them than 0 is.
-
-    In total, each column divided by its mean square.
-    """
+    """Whether interpolation between the neighbors of (K, C) values at (K,) increasing frames is nearer to
+    them than 0 is. In total, each column divided by its mean square."""
     if len(known) < 3:
         return False
     share = ((known[1:-1] - known[:-2]) / (known[2:] - known[:-2]))[:, None]

@@ -1,7 +1,5 @@
-"""Density control of 3DGS (Kerbl et al. 2023, section 5): clone, split, prune, reset opacities.
-
-It deviates from 3DGS in the opacity after a reset and in pruning by size (docs/method.md#density-control).
-"""
+"""Density control of 3DGS (Kerbl et al. 2023, section 5): clone, split, prune, reset opacities. It deviates
+from 3DGS in the opacity after a reset and in pruning by size (docs/method.md#density-control)."""
 
 import math
 from dataclasses import replace
@@ -41,15 +39,11 @@ class DensityControl:
 
     @torch.no_grad()
     def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
-        """Collect the statistics of one iteration; called after ``backward``, before ``step``.
-
-        ValueError: wrong shape, or another number of Gaussians than at the last call.
-
-        Args:
-            means2d_grad: (C, N, 2) float32 gradient by means2d [1/px] of a loss that is the mean over the C cameras; None if
-                the loss depends on no Gaussian. Values that are not finite are skipped.
-            radii: (C, N, 2) int32 screen radii of the rasterizer [px]; 0 if culled.
-        """
+        """Collect the statistics of one iteration; called after ``backward``, before ``step``. ValueError:
+        wrong shape, or another number of Gaussians than at the last call. ``means2d_grad``: (C, N, 2) float32
+        gradient by means2d [1/px] of a loss that is the mean over the C cameras; None if the loss depends on
+        no Gaussian. Values that are not finite are skipped. ``radii``: (C, N, 2) int32 screen radii of the
+        rasterizer [px]; 0 if culled."""
         if means2d_grad is None:
             return
         if radii.shape != means2d_grad.shape or radii.ndim != 3:
@@ -70,13 +64,9 @@ class DensityControl:
     def step(
         self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator
     ) -> Gaussians:
-        """Grow, prune and reset when scheduled; called after the optimizer's step of ``iteration``, counted from 1.
-
-        UserError: no Gaussian would be left.
-
-        Returns:
-            Gaussians attached to ``optimizer``; the same object if no row was added or removed.
-        """
+        """Grow, prune and reset when scheduled; called after the optimizer's step of ``iteration``, counted
+        from 1. UserError: no Gaussian would be left. Returns Gaussians attached to ``optimizer``; the same
+        object if no row was added or removed."""
         if self.schedule.densifies(iteration):
             gaussians = self._densify(iteration, gaussians, optimizer, generator)
         if self.schedule.resets_opacity(iteration):
@@ -155,13 +145,9 @@ def split_gaussians(parents: Gaussians, generator: torch.Generator) -> Gaussians
 def too_large(
     gaussians: Gaussians, radius: Tensor, largest_scale: float, largest_radius: float | None
 ) -> Tensor:
-    """(N,) bool: Gaussians that are too large in the world or on screen.
-
-    Args:
-        radius: (N,) largest screen radius [px].
-        largest_scale: limit of the longest axis [m]; 10 times the median is the limit if that is larger.
-        largest_radius: limit of ``radius``; None for no limit.
-    """
+    """(N,) bool: Gaussians that are too large in the world or on screen. ``radius``: (N,) largest screen
+    radius [px]. ``largest_scale``: limit of the longest axis [m]; 10 times the median is the limit if that is
+    larger. ``largest_radius``: limit of ``radius``; None for no limit."""
     longest = gaussians.detach().scales.amax(dim=1)
     if not len(longest):
         return torch.zeros_like(longest, dtype=torch.bool)
@@ -180,12 +166,8 @@ def replace_rows(
     gaussians: Gaussians, optimizer: Adam, keep: Tensor, new: Gaussians | None = None
 ) -> Gaussians:
     """Keep the rows ``keep``, (N,) bool, and append ``new`` with zero moments, in Gaussians and optimizer.
-
-    UserError: no Gaussian would be left.
-
-    Returns:
-        Leaves that require gradients, attached to ``optimizer``; ``gaussians`` itself if nothing changes.
-    """
+    UserError: no Gaussian would be left. Returns Leaves that require gradients, attached to ``optimizer``;
+    ``gaussians`` itself if nothing changes."""
     added = new.count if new is not None else 0
     if not added and bool(keep.all()) and gaussians.count:
         return gaussians
@@ -201,10 +183,8 @@ def replace_rows(
 
 
 def random_normal(like: Tensor, generator: torch.Generator) -> Tensor:
-    """Standard normal numbers with the shape and device of ``like``; the generator is on the CPU.
-
-    A GPU draws them itself, from a seed that the generator draws: copying them would take longer than an iteration.
-    """
+    """Standard normal numbers with the shape and device of ``like``; the generator is on the CPU. A GPU draws
+    them itself, from a seed that the generator draws: copying them would take longer than an iteration."""
     if like.device.type == "cuda":
         seed = int(torch.randint(2**62, (), generator=generator))
         generator = torch.Generator(like.device).manual_seed(seed)

@@ -12,10 +12,8 @@ from egosplat.rasterize.kernels import library
 
 def training_device(backend: str) -> torch.device:
     """Return the device for a rasterization backend. gsplat is loaded here, before a stage reads anything.
-
-    ``auto`` selects the GPU if there is one and gsplat loads; if it does not load, the reason is logged. UserError: the
-    backend is ``cuda``, and the GPU or its gsplat cannot run on this machine.
-    """
+    ``auto`` selects the GPU if there is one and gsplat loads; if it does not load, the reason is logged.
+    UserError: the backend is ``cuda``, and the GPU or its gsplat cannot run on this machine."""
     if backend == "cuda":
         load_gsplat()
         return torch.device("cuda")

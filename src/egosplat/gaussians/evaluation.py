@@ -46,10 +46,8 @@ def evaluate(
     sh_degree: int,
     show: Callable[[int, NDArray[np.uint8]], object] = lambda index, picture: None,
 ) -> Scores:
-    """Render and score every view; there may be none.
-
-    ``show`` is called with the index and the rendered (H, W, 3) uint8 image of each.
-    """
+    """Render and score every view; there may be none. ``show`` is called with the index and the rendered (H,
+    W, 3) uint8 image of each."""
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
         # Scores are those of the 8-bit image that is stored.

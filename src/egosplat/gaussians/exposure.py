@@ -19,16 +19,11 @@ _LEAST_LOG_GAIN = -1000.0
 def expose(
     image: Tensor, log_gain: Tensor, compression: Tensor | None = None, picture: Tensor | None = None
 ) -> Tensor:
-    """Multiply the colors of an (H, W, 3 + F) render by the gains of a photograph; features stay.
-
-    A color c has the gain ``exp(log_gain (1 + k / 4) / (1 + k c²))``.
-
-    Args:
-        log_gain: (3,) natural logarithms.
-        compression: (1,) k, by how much the camera's tone curve compresses highlights; None for 0.
-        picture: (H, W, 3) photograph to compare with. A saturated color only says that the surface is at least as
-            bright: what exceeds it is cut off, and has no gradient. None cuts nothing.
-    """
+    """Multiply the colors of an (H, W, 3 + F) render by the gains of a photograph; features stay. A color c
+    has the gain ``exp(log_gain (1 + k / 4) / (1 + k c²))``. ``log_gain``: (3,) natural logarithms.
+    ``compression``: (1,) k, by how much the camera's tone curve compresses highlights; None for 0.
+    ``picture``: (H, W, 3) photograph to compare with. A saturated color only says that the surface is at
+    least as bright: what exceeds it is cut off, and has no gradient. None cuts nothing."""
     log_gain = log_gain.to(image).clamp_min(_LEAST_LOG_GAIN)
     colors, features = image[..., :3], image[..., 3:]
     if compression is not None:

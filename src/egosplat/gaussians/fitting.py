@@ -41,16 +41,10 @@ def fit(
     settings: RenderSettings,
     sh_degree: int,
 ) -> Tensor:
-    """Corrections of V views that render most like their photographs; the Gaussians do not change.
-
-    Args:
-        views: photographs; pixels with weight 0 do not count.
-        guess: (V, 9) corrections to start from, unless no correction at all is better.
-        corrections: of the training: which are optimized, the depth of the scene, and the compression of the camera.
-
-    Returns:
-        (V, 9) float64, for each view the best of all steps.
-    """
+    """Corrections of V views that render most like their photographs; the Gaussians do not change. ``views``:
+    photographs; pixels with weight 0 do not count. ``guess``: (V, 9) corrections to start from, unless no
+    correction at all is better. ``corrections``: of the training: which are optimized, the depth of the
+    scene, and the compression of the camera. Returns (V, 9) float64, for each view the best of all steps."""
     rates = _REACH * learning_rates(corrections.options, corrections.depth, STEPS)
     gaussians, fitted = gaussians.detach(), torch.zeros_like(guess)
     for index in range(len(views)):
@@ -76,10 +70,7 @@ def fit(
 
 def with_best_gain(values: Tensor, image: Tensor, picture: Tensor, weight: Tensor | None) -> Tensor:
     """A correction (9,) with the gains of the least squared error; where nothing measures a gain, it stays.
-
-    Args:
-        image, picture: (H, W, 3) render without a gain and photograph; weight: (H, W), None for ones.
-    """
+    ``image``, ``picture``: (H, W, 3) render without a gain and photograph; weight: (H, W), None for ones."""
     weight = torch.ones_like(image[..., 0]) if weight is None else weight
     weight = weight[..., None] * (picture < SATURATED)
     above, below = ((weight * image * other).double().sum(dim=(0, 1)).cpu() for other in (picture, image))

@@ -1,8 +1,7 @@
-"""Initialize Gaussians at the points of the poses artifact, at image cells that show none, or at random points.
-
-Trackers find points at corners only. On windows, plain walls and lamps Gaussians grow slowly without points, and unfinished
-geometry looks transient. Points are float64 NumPy arrays, Gaussians float32 tensors; random numbers depend on the seed only.
-"""
+"""Initialize Gaussians at the points of the poses artifact, at image cells that show none, or at random
+points. Trackers find points at corners only. On windows, plain walls and lamps Gaussians grow slowly without
+points, and unfinished geometry looks transient. Points are float64 NumPy arrays, Gaussians float32 tensors;
+random numbers depend on the seed only."""
 
 from collections.abc import Iterable
 
@@ -61,15 +60,11 @@ def starting_gaussians(
     near_plane: float,
     seed: int,
 ) -> Gaussians:
-    """Gaussians, without features, at the points visible from training cameras, or at random points if there are none.
-
-    UserError: the scene is too far from the world's origin for float32, or too small or too large for the renderer.
-
-    Args:
-        max_points: size of the random subset of the points, or number of random points.
-        densify_init: add points where a view shows none, see ``densify``.
-        near_plane: smallest camera z of a visible point [m].
-    """
+    """Gaussians, without features, at the points visible from training cameras, or at random points if there
+    are none. UserError: the scene is too far from the world's origin for float32, or too small or too large
+    for the renderer. ``max_points``: size of the random subset of the points, or number of random points.
+    ``densify_init``: add points where a view shows none, see ``densify``. ``near_plane``: smallest camera z
+    of a visible point [m]."""
     cameras = views.camera_to_world
     _check_origin(poses, cameras, near_plane)
     xyz, rgb = poses.read("points/xyz"), poses.read("points/rgb")
@@ -174,16 +169,11 @@ def densify(
     *,
     near_plane: float,
 ) -> tuple[Points, Colors]:
-    """Points and colors, with new ones at the end so that each image cell of (V, 4, 4) poses shows one, if it shows any.
-
-    A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell with points, its color
-    that of the photograph. Points added for one photograph count for the next.
-
-    Args:
-        xyz, rgb: (P, 3) float64 world points [m], finite, and (P, 3) uint8.
-        images: V images (H, W, 3) uint8, read one at a time.
-        valid: (H, W) bool; cells with an invalid middle get no point.
-    """
+    """Points and colors, with new ones at the end so that each image cell of (V, 4, 4) poses shows one, if it
+    shows any. A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell
+    with points, its color that of the photograph. Points added for one photograph count for the next.
+    ``xyz``, ``rgb``: (P, 3) float64 world points [m], finite, and (P, 3) uint8. ``images``: V images (H, W,
+    3) uint8, read one at a time. ``valid``: (H, W) bool; cells with an invalid middle get no point."""
     centers = _cell_centers(camera)
     columns, rows = centers.astype(np.int64).transpose(2, 0, 1)
     shows = valid[rows, columns]
@@ -242,15 +232,11 @@ def from_points(
     near_plane: float = 0.1,
 ) -> Gaussians:
     """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
-
-    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation the
-    identity; features and SH coefficients above degree 0 are zero. ValueError: wrong shape or dtype. UserError: no point is
-    finite in float32.
-
-    Args:
-        xyz, rgb: (P, 3) float64 world points [m], duplicates allowed, and (P, 3) uint8.
-        near_plane: smallest camera z [m], the unit of the least sizes.
-    """
+    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1,
+    rotation the identity; features and SH coefficients above degree 0 are zero. ValueError: wrong shape or
+    dtype. UserError: no point is finite in float32. ``xyz``, ``rgb``: (P, 3) float64 world points [m],
+    duplicates allowed, and (P, 3) uint8. ``near_plane``: smallest camera z [m], the unit of the least
+    sizes."""
     if xyz.ndim != 2 or xyz.shape[1] != 3 or rgb.shape != xyz.shape or rgb.dtype != np.uint8:
         raise ValueError(f"xyz {xyz.shape} and rgb {rgb.shape} {rgb.dtype} are not (P, 3) and (P, 3) uint8")
     # Gaussians are float32, so points must be finite in float32. NaN compares as False.
@@ -273,10 +259,8 @@ def from_points(
 
 
 def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.float64]:
-    """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors.
-
-    Uses fewer neighbors if there are fewer. A lone point gets the near plane; the minimum is 0.3 % of it.
-    """
+    """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors. Uses
+    fewer neighbors if there are fewer. A lone point gets the near plane; the minimum is 0.3 % of it."""
     if len(points) < 2:
         return np.full(len(points), _LONE_SCALE * near_plane)
     neighbors = min(3, len(points) - 1)
@@ -287,11 +271,9 @@ def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.flo
 
 
 def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
-    """Return the scene size [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS).
-
-    The learning rate of the means and the split and prune sizes scale with it. It is at least 10 near planes [m]. ValueError:
-    there is no (F, 4, 4) pose, or one is not finite.
-    """
+    """Return the scene size [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS). The
+    learning rate of the means and the split and prune sizes scale with it. It is at least 10 near planes [m].
+    ValueError: there is no (F, 4, 4) pose, or one is not finite."""
     centers = camera_to_world[:, :3, 3]
     if not len(centers) or not np.isfinite(centers).all():
         raise ValueError(f"camera_to_world {camera_to_world.shape} has no pose or one that is not finite")
@@ -301,10 +283,8 @@ def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
 
 
 def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane: float) -> NDArray[np.bool_]:
-    """(P,) bool: which (P, 3) world points [m] lie in the image of at least one of (F, 4, 4) cameras, whatever hides them.
-
-    False for a point that is not finite, or nearer than ``near_plane`` [m].
-    """
+    """(P,) bool: which (P, 3) world points [m] lie in the image of at least one of (F, 4, 4) cameras,
+    whatever hides them. False for a point that is not finite, or nearer than ``near_plane`` [m]."""
     result = np.zeros(len(points), dtype=bool)
     unseen = np.flatnonzero(np.isfinite(points).all(axis=1))
     for world_to_camera in invert(camera_to_world):
@@ -333,13 +313,9 @@ def in_picture(local: Points, camera: Camera, *, near_plane: float) -> NDArray[n
 def random_points(
     count: int, camera: Camera, camera_to_world: Points, *, near_plane: float, seed: int
 ) -> tuple[Points, Colors]:
-    """Sample points and colors for a scene without points, uniformly in the viewing volumes of (F, 4, 4) cameras.
-
-    They lie between ``near_plane`` and three scene extents; regions seen by more cameras get more points.
-
-    Returns:
-        (count, 3) float64 world points [m] and (count, 3) uint8 colors, for ``from_points``.
-    """
+    """Sample points and colors for a scene without points, uniformly in the viewing volumes of (F, 4, 4)
+    cameras. They lie between ``near_plane`` and three scene extents; regions seen by more cameras get more
+    points. Returns (count, 3) float64 world points [m] and (count, 3) uint8 colors, for ``from_points``."""
     generator = np.random.default_rng(seed)
     far_plane = near_plane + _REACH * scene_extent(camera_to_world, near_plane)
     which = generator.integers(len(camera_to_world), size=count)

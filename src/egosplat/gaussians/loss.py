@@ -1,9 +1,7 @@
-"""Image losses of training, and the objective of one image.
-
-Losses take a pixel weight in [0, 1]. At weight 0 the pixel has no residual, no gradient and no effect on the SSIM of its
-neighbors. Means are over all values, whatever their weight. A render or target value that is not finite or exceeds
-1e8 has weight 0, and so has a pixel whose weight is not finite: no NaN reaches the Gaussians.
-"""
+"""Image losses of training, and the objective of one image. Losses take a pixel weight in [0, 1]. At weight 0
+the pixel has no residual, no gradient and no effect on the SSIM of its neighbors. Means are over all values,
+whatever their weight. A render or target value that is not finite or exceeds 1e8 has weight 0, and so has a
+pixel whose weight is not finite: no NaN reaches the Gaussians."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass

@@ -22,11 +22,9 @@ _WORTH_GATHERING = 0.5
 
 @dataclass(frozen=True)
 class LearningRates:
-    """Learning rates of 3DGS (Kerbl et al. 2023), of the raw parameters.
-
-    ``means`` [m] is that of the start; later ``Adam.means_lr`` follows the schedule. ``sh_dc`` is that of SH coefficient
-    0, ``sh_rest`` that of the others.
-    """
+    """Learning rates of 3DGS (Kerbl et al. 2023), of the raw parameters. ``means`` [m] is that of the start;
+    later ``Adam.means_lr`` follows the schedule. ``sh_dc`` is that of SH coefficient 0, ``sh_rest`` that of
+    the others."""
 
     means: float
     quats: float = 0.001
@@ -60,11 +58,9 @@ class Adam:
 
     @torch.no_grad()
     def step(self, visible: Tensor | None) -> None:
-        """Update all parameters from their ``grad``; a gradient of None counts as zero.
-
-        ``visible`` (N,) bool is a superset of the rows with a gradient; None if all rows may have one. Rows that were never
-        visible have zero gradient and moments; skipping them only saves time. ValueError if its shape is another.
-        """
+        """Update all parameters from their ``grad``; a gradient of None counts as zero. ``visible`` (N,) bool
+        is a superset of the rows with a gradient; None if all rows may have one. Rows that were never visible
+        have zero gradient and moments; skipping them only saves time. ValueError if its shape is another."""
         if visible is None:
             self._ever_visible.fill_(True)
         elif visible.shape != self._ever_visible.shape:
@@ -92,10 +88,8 @@ class Adam:
             parameter.grad = None
 
     def replace_rows(self, gaussians: Gaussians, keep: Tensor, added: int) -> None:
-        """Continue with other Gaussians: those at ``keep``, (N,) bool, then ``added`` ones, whose moments start at zero.
-
-        ValueError if there are more or fewer, or a parameter is not contiguous.
-        """
+        """Continue with other Gaussians: those at ``keep``, (N,) bool, then ``added`` ones, whose moments
+        start at zero. ValueError if there are more or fewer, or a parameter is not contiguous."""
         for moments in (self._exp_avg, self._exp_avg_sq):
             for name in PARAMETERS:
                 moments[name] = _with_zero_rows(moments[name][keep], added)
@@ -179,10 +173,9 @@ def _with_zero_rows(tensor: Tensor, count: int) -> Tensor:
 def adam_step(
     param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
 ) -> None:
-    """Update (N, columns) ``param`` and its moments in place (Kingma & Ba 2015, algorithm 1), contiguous float32.
-
-    ``rates`` is a learning rate, or one for each column; ``step`` counts from 1, for the bias correction.
-    """
+    """Update (N, columns) ``param`` and its moments in place (Kingma & Ba 2015, algorithm 1), contiguous
+    float32. ``rates`` is a learning rate, or one for each column; ``step`` counts from 1, for the bias
+    correction."""
     if not _can_fuse(param):
         return torch_step(param, grad, exp_avg, exp_avg_sq, rates, step)
     from egosplat.rasterize.kernels.adam import adam_step as fused

@@ -45,10 +45,8 @@ class RenderSettings:
 def view_of(
     gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
 ) -> View:
-    """Return what the functions of ``egosplat.rasterize.view`` take; the background of the settings is not used.
-
-    ``camera_to_world`` is (4, 4) float64, OpenCV axes, meters.
-    """
+    """Return what the functions of ``egosplat.rasterize.view`` take; the background of the settings is not
+    used. ``camera_to_world`` is (4, 4) float64, OpenCV axes, meters."""
     device = gaussians.means.device
     return View(
         gaussians.means,

@@ -73,11 +73,9 @@ STOCK = Schedule()
 
 
 def scaled(schedule: Schedule, iterations: int) -> Schedule:
-    """Scale a schedule to a run of at least 1 iteration.
-
-    The end of density control and the learning rate keep their fraction of the run. Intervals grow with a longer
-    run but do not shrink with a shorter one, unless they would be most of it.
-    """
+    """Scale a schedule to a run of at least 1 iteration. The end of density control and the learning rate
+    keep their fraction of the run. Intervals grow with a longer run but do not shrink with a shorter one,
+    unless they would be most of it."""
     # Shorter intervals would do harm: a gradient averaged over 25 views instead of 100 multiplies Gaussians before
     # they have moved, and opacities need their 3,000 iterations to recover from a reset. A run of fewer than
     # 12,000 iterations therefore has no reset.

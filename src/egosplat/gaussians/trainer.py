@@ -149,10 +149,8 @@ class ViewSets:
 def resume_and_train(
     state: TrainingState, view_sets: ViewSets, options: TrainingOptions, checkpoint: Checkpoint
 ) -> None:
-    """Train from the checkpoint, if there is one, until the last iteration; changes ``state``.
-
-    UserError: training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again.
-    """
+    """Train from the checkpoint, if there is one, until the last iteration; changes ``state``. UserError:
+    training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again."""
     if (saved := checkpoint.load()) is not None:
         state.load_state_dict(saved)
         log(f"training resumes after iteration {state.iteration}")

@@ -92,9 +92,7 @@ class Views:
 
 def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | None:
     """Return the paper's 1 - M, (H, W) float32, and 0 outside the lens circle ``valid``; None for ones.
-
-    ``transient`` is bool or floating point, clamped to [0, 1]; a value that is not finite has weight 0.
-    """
+    ``transient`` is bool or floating point, clamped to [0, 1]; a value that is not finite has weight 0."""
     if transient is None:
         return valid
     # A broken value counts as transient: M = 1.
@@ -103,10 +101,8 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
 
 
 def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> tuple[Mask, Mask]:
-    """Choose (F,) bool frames with a pose: to train on, among those ``kept``, and held-out ones, which decide nothing.
-
-    UserError if there is none to train on.
-    """
+    """Choose (F,) bool frames with a pose: to train on, among those ``kept``, and held-out ones, which decide
+    nothing. UserError if there is none to train on."""
     train, registered = frames.read("train"), poses.read("registered")
     train = train if kept is None else train & kept
     if not (train & registered).any():
@@ -120,10 +116,8 @@ def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> 
 def read_views(
     frames: Artifact, poses: Artifact, chosen: Mask, device: torch.device, *, resolution: int | None = None
 ) -> Views:
-    """Read the ``chosen`` (F,) bool frames, all with a pose. Only what the frames' own masks leave out is masked.
-
-    ``resolution`` is the longer side of the views [px]; None keeps the size of the frames.
-    """
+    """Read the ``chosen`` (F,) bool frames, all with a pose. Only what the frames' own masks leave out is
+    masked. ``resolution`` is the longer side of the views [px]; None keeps the size of the frames."""
     rows = np.flatnonzero(chosen)
     _, full_height, full_width, _ = frames.shape("rgb")
     width, height = shrunk_size(full_width, full_height, resolution)

@@ -47,10 +47,9 @@ class Geometry:
 def train_geometry(
     frames: Artifact, poses: Artifact, training: Mask, keys: InstancesOptions, output: Path, key: str
 ) -> Geometry:
-    """Train Gaussians for a short time at the working size, on all pixels of the ``training`` (F,) bool frames, all with a pose.
-
-    A killed run resumes from its checkpoint with this ``key``, which is kept next to ``output``.
-    """
+    """Train Gaussians for a short time at the working size, on all pixels of the ``training`` (F,) bool
+    frames, all with a pose. A killed run resumes from its checkpoint with this ``key``, which is kept next to
+    ``output``."""
     device = training_device(keys.backend)
     views, none = (
         read_views(frames, poses, chosen, device, resolution=keys.resolution)

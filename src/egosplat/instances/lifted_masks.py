@@ -81,10 +81,8 @@ def lift_masks(
     camera: Camera,
     settings: RenderSettings,
 ) -> LiftedMasks:
-    """Lift the masks of (T,) frames with (T, 4, 4) poses.
-
-    ``look`` gives the (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none, and which pixels count.
-    """
+    """Lift the masks of (T,) frames with (T, 4, 4) poses. ``look`` gives the (L, H, W) int32 labels of a
+    frame at the size of ``camera``, -1 for none, and which pixels count."""
     instance, frame, votes, seen = [], [], [], []
     for place in track(range(len(frames)), "lifting masks", unit="frame"):
         labels, counted = look(int(frames[place]))
@@ -118,11 +116,9 @@ def lift(
     shown: Callable[[int], NDArray[np.bool_]],
     select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]],
 ) -> LiftedMasks | None:
-    """Lift the masks of segments.zarr in all training views; None if no view has a mask.
-
-    ``shown`` gives the (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for
-    none, and (h, w) bool, which pixels are not counted as seen.
-    """
+    """Lift the masks of segments.zarr in all training views; None if no view has a mask. ``shown`` gives the
+    (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for
+    none, and (h, w) bool, which pixels are not counted as seen."""
     views = geometry.views
     height, width = segments.shape("labels")[2:]
     # The labels nearest to the pixels at the working size.

@@ -51,10 +51,9 @@ class Runs:
 
 
 def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:
-    """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they show one thing.
-
-    ``run`` (V,) numbers the runs in the order of their first frames; ``weight`` (N,) is that of each Gaussian in an IoU.
-    """
+    """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they
+    show one thing. ``run`` (V,) numbers the runs in the order of their first frames; ``weight`` (N,) is that
+    of each Gaussian in an IoU."""
     count = int(run.max(initial=-1)) + 1
     some = np.random.default_rng(0).permutation(len(weight))[:SAMPLE]
     votes, seen = sparse.csr_array(masks.votes.T)[:, some], masks.seen[:, some]
@@ -89,10 +88,9 @@ def _sum_masks(
 
 
 def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
-    """Merge the two of R runs that are most alike, again and again, while they are one thing; changes the runs.
-
-    Returns (R,) number of the run that each is merged into, at most its own. ``weight``: as in ``merge``.
-    """
+    """Merge the two of R runs that are most alike, again and again, while they are one thing; changes the
+    runs. Returns (R,) number of the run that each is merged into, at most its own. ``weight``: as in
+    ``merge``."""
     pairs, into = _Pairs(runs, weight), np.arange(len(runs.votes))
     while pairs.largest.max() >= keys.merge_iou:
         row = int(pairs.largest.argmax())

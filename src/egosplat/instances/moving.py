@@ -52,9 +52,7 @@ class MovingTracks:
 
     def draw(self, labels: Labels, over: Labels, first: int) -> Labels:
         """Draw the tracks in a frame's (L, H, W) labels, numbered from ``first``, over its (L, H, W) things.
-
-        Where a track of any level is, no thing stays.
-        """
+        Where a track of any level is, no thing stays."""
         track = self._number[labels]
         shown = track >= 0
         self.frames[np.unique(track[shown])] += 1
@@ -64,10 +62,9 @@ class MovingTracks:
 def standing_tracks(
     masks: LiftedMasks, time_s: NDArray[np.float64], keys: InstancesOptions
 ) -> NDArray[np.int64]:
-    """The sorted tracks of which half of the pairs of masks are so alike that masks of single frames would be merged.
-
-    A track with too few pairs that show the same surfaces is not among them. ``time_s`` (T,) is when each frame was taken.
-    """
+    """The sorted tracks of which half of the pairs of masks are so alike that masks of single frames would be
+    merged. A track with too few pairs that show the same surfaces is not among them. ``time_s`` (T,) is when
+    each frame was taken."""
     weight, found = masks.weight, []
     for one in np.unique(masks.instance):
         mine = np.flatnonzero(masks.instance == one)

@@ -33,10 +33,8 @@ def render_things(
     settings: RenderSettings,
     size: tuple[int, int],
 ) -> NDArray[np.int32]:
-    """(L, H, W) int32 strongest thing of each level at each pixel of label maps of a size (H, W), -1 where none is.
-
-    ``beliefs`` are (N, K) by level, see ``things.beliefs``; the camera is at the working size.
-    """
+    """(L, H, W) int32 strongest thing of each level at each pixel of label maps of a size (H, W), -1 where
+    none is. ``beliefs`` are (N, K) by level, see ``things.beliefs``; the camera is at the working size."""
     _, _, meta = render(
         gaussians, camera, camera_to_world, settings, sh_degree=0, background=None, render_mode="D"
     )
@@ -76,10 +74,9 @@ def _near(beliefs: sparse.csr_array) -> NDArray[np.intp]:
 
 
 def _boxes(shown: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Box]]:
-    """Each thing that (K, h, w) bool images show: its place, the box of cells around it, and that box in ``size`` pixels.
-
-    A thing covers little of a frame, and enlarging whole images would take most of the time.
-    """
+    """Each thing that (K, h, w) bool images show: its place, the box of cells around it, and that box in
+    ``size`` pixels. A thing covers little of a frame, and enlarging whole images would take most of the
+    time."""
     rows, columns = shown.any(dim=2).cpu().numpy(), shown.any(dim=1).cpu().numpy()
     for place in np.flatnonzero(rows.any(axis=1)).tolist():
         spans = zip((rows[place], columns[place]), size, strict=True)

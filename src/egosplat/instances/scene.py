@@ -81,9 +81,7 @@ class Scene:
 
 def draw_masks(named: NDArray[np.int64], frame: int, labels: Labels) -> Labels:
     """(L, H, W) thing that each pixel's mask shows in a frame, -1 for none, from its labels in segments.zarr.
-
-    ``named``: as in ``Scene``.
-    """
+    ``named``: as in ``Scene``."""
     _, instance, thing = named[:, named[0] == frame]
     # Label -1 indexes the last entry.
     table = np.full(int(max(labels.max(initial=-1), instance.max(initial=-1))) + 2, -1, np.int32)

@@ -30,10 +30,9 @@ _CLAIMED = 0.5
 def find_things(
     masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions
 ) -> tuple[Ints, dict[str, int]]:
-    """(V,) thing that each mask of one level shows, numbered 0 to K - 1, -1 for a mask without a vote; and counts.
-
-    ``run`` (V,) are masks that are one thing already; ``weight`` (N,) is that of each Gaussian in an IoU.
-    """
+    """(V,) thing that each mask of one level shows, numbered 0 to K - 1, -1 for a mask without a vote; and
+    counts. ``run`` (V,) are masks that are one thing already; ``weight`` (N,) is that of each Gaussian in an
+    IoU."""
     merged = merge(masks, run, weight, keys)
     thing = merged[run] if len(run) else run
     dropped = _outlier_masks(masks, thing, keys)
@@ -124,11 +123,10 @@ def _holds(masks: LiftedMasks, chosen: Ints, inside: float) -> NDArray[np.bool_]
 
 
 def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:
-    """(N, K) share of each Gaussian's weight that the masks of each of the K things hold, in the frames of these masks.
-
-    Frames in which a thing is visible but has no mask do not count against it: a segmenter misses small things often, and what they
-    lie on seldom. The share of a thing of fewer than ``_SURE_FRAMES`` frames is smaller in proportion.
-    """
+    """(N, K) share of each Gaussian's weight that the masks of each of the K things hold, in the frames of
+    these masks. Frames in which a thing is visible but has no mask do not count against it: a segmenter
+    misses small things often, and what they lie on seldom. The share of a thing of fewer than
+    ``_SURE_FRAMES`` frames is smaller in proportion."""
     voting = np.flatnonzero(thing >= 0)
     count = int(thing.max(initial=-1)) + 1
     ones = np.ones(len(voting), np.float32)

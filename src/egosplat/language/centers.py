@@ -61,10 +61,8 @@ def look_at_centers(
 def project_centers(
     gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """The M Gaussians in front of the near plane whose center lies in a view.
-
-    (M,) index of each; (M, 2) column and row of the pixel that holds its center; (N,) camera z of all Gaussians [m].
-    """
+    """The M Gaussians in front of the near plane whose center lies in a view. (M,) index of each; (M, 2)
+    column and row of the pixel that holds its center; (N,) camera z of all Gaussians [m]."""
     local = transform(invert(camera_to_world), gaussians.means.double().cpu().numpy())
     projected = camera.project(local)
     chosen = np.flatnonzero(camera.contains(projected) & (local[:, 2] >= settings.near_plane))

@@ -90,10 +90,8 @@ def split_layers(values: Tensor, widths: tuple[int, ...]) -> list[tuple[Tensor, 
 
 
 def decode(codes: Tensor, decoder: Decoder) -> Tensor:
-    """Decode (..., C) codes to (..., D) features of unit norm; one that vanishes is zero. ValueError if C is not the decoder's.
-
-    Divide rendered codes by alpha first: layers have biases.
-    """
+    """Decode (..., C) codes to (..., D) features of unit norm; one that vanishes is zero. ValueError if C is
+    not the decoder's. Divide rendered codes by alpha first: layers have biases."""
     if codes.shape[-1] != decoder.widths[0]:
         raise ValueError(f"codes have {codes.shape[-1]} channels, the decoder takes {decoder.widths[0]}")
     return F.normalize(apply_layers(codes, decoder.layers(codes), decoder), dim=-1)

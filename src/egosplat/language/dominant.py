@@ -13,12 +13,11 @@ from egosplat.progress import track
 
 
 def lift_instances(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
-    """Method ``lift_instances``: at each level, the code of the instance with the largest share of the Gaussian's weight.
-
-    A weight is alpha times transmittance times 1 - M at the pixel that holds the Gaussian's center. The code is the mean of
-    the instance's targets by the weights in their views. A mean of the codes of two instances would decode to a feature of
-    neither, and pixels around the center may show the neighbors.
-    """
+    """Method ``lift_instances``: at each level, the code of the instance with the largest share of the
+    Gaussian's weight. A weight is alpha times transmittance times 1 - M at the pixel that holds the
+    Gaussian's center. The code is the mean of the instance's targets by the weights in their views. A mean of
+    the codes of two instances would decode to a feature of neither, and pixels around the center may show the
+    neighbors."""
     votes, seen = target_votes(views, targets)
     codes, instance = targets.code_rows()
     shape = (views.gaussians.count, len(targets.levels))
@@ -61,10 +60,8 @@ def mean_of_dominant(
 
 
 def target_votes(views: CodeViews, targets: CodeTargets) -> tuple[sparse.csr_array, NDArray[np.float32]]:
-    """Sum the compositing weights of each Gaussian at its center over all views.
-
-    (N, R) sparse float32 weights in the pixels of each target of ``CodeTargets.code_rows``; and (N,) in all pixels [px].
-    """
+    """Sum the compositing weights of each Gaussian at its center over all views. (N, R) sparse float32
+    weights in the pixels of each target of ``CodeTargets.code_rows``; and (N,) in all pixels [px]."""
     shape = (views.gaussians.count, len(targets.code_rows()[1]))
     seen = np.zeros(shape[0], np.float32)
     weights, places = [], []

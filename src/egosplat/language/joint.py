@@ -11,10 +11,8 @@ from egosplat.language.views import CodeViews
 
 
 def copy_joint_codes(views: CodeViews, levels: Sequence[str], stored: NDArray) -> Coded:
-    """Take codes unnormalized, as training rendered them (docs/method.md#code-norm); lifting gives the shares.
-
-    ``stored`` is (N, L * C) float32, ``features`` of splats.zarr.
-    """
+    """Take codes unnormalized, as training rendered them (docs/method.md#code-norm); lifting gives the
+    shares. ``stored`` is (N, L * C) float32, ``features`` of splats.zarr."""
     _, share = lift(views)
     code = torch.from_numpy(stored).to(share.device).unflatten(1, (len(levels), -1))
     return Coded(code, share, list(levels))

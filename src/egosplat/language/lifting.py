@@ -16,12 +16,9 @@ _LEAST_WEIGHT = 1e-3
 
 
 def lift(views: CodeViews) -> tuple[Tensor, Tensor]:
-    """Average codes over all views, at least one: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code.
-
-    (N, L, C) codes and (N, L) shares of N Gaussians at L levels, as in language.zarr.
-
-    w is alpha times transmittance times 1 - M. A Gaussian that no view shows has share 0.
-    """
+    """Average codes over all views, at least one: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a
+    code. (N, L, C) codes and (N, L) shares of N Gaussians at L levels, as in language.zarr. w is alpha times
+    transmittance times 1 - M. A Gaussian that no view shows has share 0."""
     assert views.targets is not None
     sums = seen = None
     for index in track(range(len(views)), "lifting", unit="view"):
@@ -65,9 +62,8 @@ def shares(views: CodeViews, known: Callable[[int], Tensor] | None = None) -> Te
 
 def labeled_share(known: Tensor, seen: Tensor) -> Tensor:
     """(N, L) share in [0, 1] of what Gaussians show that has a code; 0 where the weight is negligible.
-
-    ``known`` (N, L) and ``seen`` (N, 1) are compositing weights in the pixels with a code, and in all pixels [px].
-    """
+    ``known`` (N, L) and ``seen`` (N, 1) are compositing weights in the pixels with a code, and in all pixels
+    [px]."""
     # Above 1 by rounding only.
     share = (known / seen.clamp(min=_LEAST_WEIGHT)).clamp(max=1.0)
     return torch.where(known > _LEAST_WEIGHT, share, 0.0)

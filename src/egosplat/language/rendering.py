@@ -22,11 +22,9 @@ def render_codes(
     camera_to_world: NDArray[np.float64],
     settings: RenderSettings,
 ) -> tuple[Tensor, Tensor]:
-    """Render (N, L, C) codes and (N, L) shares of language.zarr; other arguments as of ``gaussians.render.view_of``.
-
-    (L, H, W, C) float32 weighted means, 0 where the coverage is 0; and (L, H, W) float32 coverage in [0, 1], accumulated
-    compositing weight times share.
-    """
+    """Render (N, L, C) codes and (N, L) shares of language.zarr; other arguments as of
+    ``gaussians.render.view_of``. (L, H, W, C) float32 weighted means, 0 where the coverage is 0; and (L, H,
+    W) float32 coverage in [0, 1], accumulated compositing weight times share."""
     count, levels, channels = code.shape
     # A Gaussian counts by compositing weight times share: without labeled pixels it has no influence.
     values = torch.cat([(code * share[..., None]).reshape(count, -1), share], dim=1)

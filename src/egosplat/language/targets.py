@@ -23,11 +23,10 @@ class Targets:
 
 
 class CodeTargets:
-    """The supervision F of the paper's L_F, compressed to ``channels``; frames are read on request.
-
-    In each frame, an instance has the code of its view. An instance too small to be encoded there has the consistent
-    code, unless views are supervised by their own features only. ``levels`` are named, and ``level`` (I,) of each instance.
-    """
+    """The supervision F of the paper's L_F, compressed to ``channels``; frames are read on request. In each
+    frame, an instance has the code of its view. An instance too small to be encoded there has the consistent
+    code, unless views are supervised by their own features only. ``levels`` are named, and ``level`` (I,) of
+    each instance."""
 
     def __init__(self, instances: Artifact, features: Artifact, device: torch.device) -> None:
         """Load the codes; ``device`` is the device of the targets (UserError: the features were made from
@@ -83,10 +82,8 @@ class CodeTargets:
         return Targets(codes.movedim(-1, 1), known)
 
     def rows_at(self, frame: int, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the (L, P) row of ``code_rows`` that is the target at the pixels of ``at``, -1 for none.
-
-        It is the view's row, or the instance's where it has no view in the frame.
-        """
+        """Return the (L, P) row of ``code_rows`` that is the target at the pixels of ``at``, -1 for none. It
+        is the view's row, or the instance's where it has no view in the frame."""
         return self._rows_in(frame)[self.labels(frame)[:, pixels[:, 1], pixels[:, 0]].cpu().numpy()]
 
     def labels(self, frame: int) -> Tensor:
@@ -133,9 +130,7 @@ class CodeTargets:
 
 def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor:
     """L_F-w with d_F = L1: ``mean over all values of weight |F - F̂|``, 0 where there is no target.
-
-    ``rendered`` is (L, C, H, W) float32, ``weight`` (H, W) in [0, 1], or None for ones.
-    """
+    ``rendered`` is (L, C, H, W) float32, ``weight`` (H, W) in [0, 1], or None for ones."""
     counted = targets.known.to(rendered.dtype)
     if weight is not None:
         counted = counted * weight

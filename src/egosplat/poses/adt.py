@@ -1,8 +1,6 @@
-"""Poses of an Aria Digital Twin (ADT) recording, from its MPS trajectory or its ground truth.
-
-ADT publishes the MPS output aligned with the ground truth ("ADT Data Format", Aligning Ground Truth and MPS Data). The
-semi-dense points are a gzipped table (projectaria_tools, "MPS output - Semi-dense point cloud").
-"""
+"""Poses of an Aria Digital Twin (ADT) recording, from its MPS trajectory or its ground truth. ADT publishes
+the MPS output aligned with the ground truth ("ADT Data Format", Aligning Ground Truth and MPS Data). The
+semi-dense points are a gzipped table (projectaria_tools, "MPS output - Semi-dense point cloud")."""
 
 import gzip
 import zlib
@@ -45,15 +43,11 @@ def adt_poses(
     options: PosesOptions,
     max_gap_ms: float = MAX_GAP_MS,
 ) -> Poses:
-    """Interpolate the trajectory of an ADT recording at its frames, and read its points [m] (docs/method.md#poses).
-
-    Frames outside the trajectory, or between rows further apart than ``max_gap_ms``, are not registered. UserError if a file is missing
-    or damaged, no frame lies within the trajectory, or (closed loop) no point is usable.
-
-    Args:
-        exposure_middle_ns: (F,) int64 middle of each exposure, in the device's clock.
-        device_from_camera: (4, 4) float64; camera axes are those of the (upright) frames.
-    """
+    """Interpolate the trajectory of an ADT recording at its frames, and read its points [m]
+    (docs/method.md#poses). Frames outside the trajectory, or between rows further apart than ``max_gap_ms``,
+    are not registered. UserError if a file is missing or damaged, no frame lies within the trajectory, or
+    (closed loop) no point is usable. ``exposure_middle_ns``: (F,) int64 middle of each exposure, in the
+    device's clock. ``device_from_camera``: (4, 4) float64; camera axes are those of the (upright) frames."""
     path = folder / TRAJECTORIES[options.trajectory]
     if not path.is_file():
         others = [key for key, other in TRAJECTORIES.items() if (folder / other).is_file()]
@@ -88,10 +82,8 @@ def adt_poses(
 
 
 def read_semidense_points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter), and their notes.
-
-    UserError if the file is damaged, or a closed loop has none of them.
-    """
+    """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter),
+    and their notes. UserError if the file is damaged, or a closed loop has none of them."""
     path, required = find_points(folder / MPS_FOLDER), options.trajectory == "closed_loop"
     if path is None and required:
         raise UserError(f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud")

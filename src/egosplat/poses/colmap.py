@@ -1,9 +1,8 @@
-"""Estimate poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU.
-
-The same images, options and seed give the same poses on one machine, with any number of threads: images get their ids
-before features are extracted in parallel, RANSAC is seeded, and mapping runs on one thread. With more threads, bundle
-adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000 observations: 19 s against 18 s).
-"""
+"""Estimate poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU. The
+same images, options and seed give the same poses on one machine, with any number of threads: images get their
+ids before features are extracted in parallel, RANSAC is seeded, and mapping runs on one thread. With more
+threads, bundle adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000
+observations: 19 s against 18 s)."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -37,11 +36,10 @@ def colmap_poses(
     shown: Iterable[NDArray[np.bool_]] | None = None,
 ) -> Poses:
     """Estimate the poses of upright images of one camera, in order of time, in COLMAP's frame and scale.
-
-    Arguments are as of ``mapping.reconstruct``; a known ``camera`` is kept, the focal lengths of a guess are refined. Frames outside
-    of the largest model, and of those that share frames with it, have no pose. Points are seen in ``MIN_TRACK_LENGTH`` images or more,
-    with a mean error up to ``MAX_REPROJECTION_ERROR_PX``. UserError as for ``reconstruct``, without parallax, or with too few registered images.
-    """
+    Arguments are as of ``mapping.reconstruct``; a known ``camera`` is kept, the focal lengths of a guess are
+    refined. Frames outside of the largest model, and of those that share frames with it, have no pose. Points
+    are seen in ``MIN_TRACK_LENGTH`` images or more, with a mean error up to ``MAX_REPROJECTION_ERROR_PX``.
+    UserError as for ``reconstruct``, without parallax, or with too few registered images."""
     params = [camera.fx, camera.fy, camera.cx, camera.cy]
     entered = pycolmap.Camera(model="PINHOLE", width=camera.width, height=camera.height, params=params)
     entered.has_prior_focal_length = camera_known

@@ -94,10 +94,8 @@ def _read_table(path: Path) -> pd.DataFrame:
 def interpolate_trajectory(
     trajectory: Trajectory, timestamp_ns: NDArray[np.int64], max_gap_ms: float
 ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """Interpolate the device's poses at (F,) int64 times: (F, 4, 4) float64, and numbers for the notes.
-
-    A time outside the trajectory, or between rows more than ``max_gap_ms`` apart, gets NaN.
-    """
+    """Interpolate the device's poses at (F,) int64 times: (F, 4, 4) float64, and numbers for the notes. A
+    time outside the trajectory, or between rows more than ``max_gap_ms`` apart, gets NaN."""
     times = trajectory.timestamp_ns
     inside = (timestamp_ns >= times[0]) & (timestamp_ns <= times[-1])
     after = np.clip(np.searchsorted(times, timestamp_ns), 1, len(times) - 1)

@@ -79,11 +79,9 @@ def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def sum_over_pixels(view: View, image: Tensor) -> Tensor:
-    """Sum an (H, W, X) image over each Gaussian's compositing weights, (N, X): the transposed map of ``composite``.
-
-    The backend cpu renders no image for it; the others take the gradient of one. Not differentiable. ValueError: the image
-    has another size, dtype or device than the view.
-    """
+    """Sum an (H, W, X) image over each Gaussian's compositing weights, (N, X): the transposed map of
+    ``composite``. The backend cpu renders no image for it; the others take the gradient of one. Not
+    differentiable. ValueError: the image has another size, dtype or device than the view."""
     kind = (view.means.dtype, view.means.device)
     size = (view.height, view.width)
     if image.ndim != 3 or image.shape[:2] != size or (image.dtype, image.device) != kind:
@@ -101,11 +99,9 @@ def sum_over_pixels(view: View, image: Tensor) -> Tensor:
 
 @torch.no_grad()
 def composite_sparse(view: View, values: sparse.csr_array) -> Tensor:
-    """Composite (N, X) values of which few are not 0, on background 0: (X, H, W). Not differentiable.
-
-    The backend cpu takes time by their number; the others render the dense values. ValueError: the values are not the rows of
-    a matrix of this dtype, with a row for each Gaussian.
-    """
+    """Composite (N, X) values of which few are not 0, on background 0: (X, H, W). Not differentiable. The
+    backend cpu takes time by their number; the others render the dense values. ValueError: the values are not
+    the rows of a matrix of this dtype, with a row for each Gaussian."""
     count, channels = len(view.means), values.shape[1]
     wanted = f"the values are not the rows of a {view.means.dtype} matrix of {count} x {channels}"
     value = torch.from_numpy(values.data)

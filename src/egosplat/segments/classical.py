@@ -1,8 +1,6 @@
-"""The classical segmenter: superpixels, merged in the order of their similarity, and optical flow, without learned weights.
-
-It is the baseline for SAM2, and an alternative for recordings unlike SAM2's training data. A difference is a distance in
-CIELAB: about 2 is just noticeable. Numbers are tuned on synthetic apartments.
-"""
+"""The classical segmenter: superpixels, merged in the order of their similarity, and optical flow, without
+learned weights. It is the baseline for SAM2, and an alternative for recordings unlike SAM2's training data. A
+difference is a distance in CIELAB: about 2 is just noticeable. Numbers are tuned on synthetic apartments."""
 
 import heapq
 from dataclasses import dataclass
@@ -58,10 +56,8 @@ _NEW_AREA = 1e-3
 @dataclass(frozen=True, eq=False)
 class WorkingImage:
     """An image at the working size, (h, w, 3) CIELAB; invalid pixels have the color of the nearest valid one.
-
-    Pixels are ``valid`` (h, w) at least in part, and ``shown`` (H, W) in the original image; ``unit`` is the number of
-    working pixels per pixel at the nominal side, at most 1.
-    """
+    Pixels are ``valid`` (h, w) at least in part, and ``shown`` (H, W) in the original image; ``unit`` is the
+    number of working pixels per pixel at the nominal side, at most 1."""
 
     lab: NDArray[np.float32]
     valid: Bools
@@ -94,10 +90,9 @@ def segment_video(video: Video) -> Segmented:
 def propagate(
     labels: Labels, rows: NDArray[np.int64], columns: NDArray[np.int64], known: Bools, regions: Labels
 ) -> Labels:
-    """Propagate (H, W) int32 labels, -1 for none, to the next frame: a fine region takes the label of most of its pixels.
-
-    A pixel that was hidden, out of view or without a label has no vote. ``rows``, ``columns``, ``known``: from ``find_origins``.
-    """
+    """Propagate (H, W) int32 labels, -1 for none, to the next frame: a fine region takes the label of most of
+    its pixels. A pixel that was hidden, out of view or without a label has no vote. ``rows``, ``columns``,
+    ``known``: from ``find_origins``."""
     brought = np.where(known, labels[rows, columns], np.int32(-1))
     has_label = brought >= 0
     if not has_label.any():
@@ -129,10 +124,9 @@ def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float
 def find_origins(
     previous: WorkingImage, current: WorkingImage
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Bools]:
-    """(H, W) int64 row and column of each pixel in the previous image, and (H, W) bool: whether that is known.
-
-    By dense inverse search (Kroeger et al. 2016), with a forward-backward check, among pixels that show the scene.
-    """
+    """(H, W) int64 row and column of each pixel in the previous image, and (H, W) bool: whether that is
+    known. By dense inverse search (Kroeger et al. 2016), with a forward-backward check, among pixels that
+    show the scene."""
     height, width = current.shown.shape
     # CIELAB lightness, 0 to 100, as uint8: optical flow needs one 8-bit channel.
     earlier, now = (np.rint(one.lab[..., 0] * 2.55).astype(np.uint8) for one in (previous, current))
@@ -216,15 +210,11 @@ def reduce_image(image: NDArray[np.uint8], shown: Bools) -> WorkingImage:
 
 
 def partition(image: WorkingImage) -> Labels:
-    """Divide an image into nested regions; those of a level are unions of regions of the next finer one.
-
-    The two most similar neighbors are merged repeatedly (binary partition tree, Salembier and Garrido 2000). The
-    difference of two regions is the earth mover's distance of their colors and textures plus the gradient across
-    their boundary; it is reduced for small and for enclosed regions.
-
-    Returns:
-        (4, H, W) int32 fine regions, subparts, parts and wholes, numbered from 0 at each level, -1 outside of ``shown``.
-    """
+    """Divide an image into nested regions; those of a level are unions of regions of the next finer one. The
+    two most similar neighbors are merged repeatedly (binary partition tree, Salembier and Garrido 2000). The
+    difference of two regions is the earth mover's distance of their colors and textures plus the gradient
+    across their boundary; it is reduced for small and for enclosed regions. Returns (4, H, W) int32 fine
+    regions, subparts, parts and wholes, numbered from 0 at each level, -1 outside of ``shown``."""
     height, width = image.shown.shape
     if not image.shown.any():
         return np.full((4, height, width), -1, np.int32)

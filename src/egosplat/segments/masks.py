@@ -94,12 +94,10 @@ def box_nms(masks: Tensor, scores: Tensor, thresh: float) -> Tensor:
 
 
 def mask_nms(masks: Tensor, scores: Tensor, limits: MaskFilter) -> Tensor:
-    """(N,) bool, which of (N, H, W) bool masks with (N,) scores LangSplat's rules keep.
-
-    A mask is dropped if its score is not above ``nms_score_thresh``; or if a mask of higher score (the earlier of equal
-    ones) overlaps it by more than ``nms_iou_thresh`` IoU; or if it lies inside another mask: the intersection is a share
-    A < 0.5 of the outer mask and B >= 0.85 of the inner one, and 1 - AB > 1 - ``nms_inner_thresh``.
-    """
+    """(N,) bool, which of (N, H, W) bool masks with (N,) scores LangSplat's rules keep. A mask is dropped if
+    its score is not above ``nms_score_thresh``; or if a mask of higher score (the earlier of equal ones)
+    overlaps it by more than ``nms_iou_thresh`` IoU; or if it lies inside another mask: the intersection is a
+    share A < 0.5 of the outer mask and B >= 0.85 of the inner one, and 1 - AB > 1 - ``nms_inner_thresh``."""
     # All pairs count, as in LangSplat: a mask that is dropped itself still drops others.
     shared, sizes = intersections(masks, masks), areas(masks).clamp(min=1.0)
     iou = shared / (sizes[:, None] + sizes[None] - shared).clamp(min=1.0)
@@ -123,10 +121,8 @@ def filter_masks(found: Candidates, limits: MaskFilter) -> Candidates:
 
 
 def drop_covered(found: Candidates, others: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
-    """Drop candidates of which (K, M, M) bool masks of the same level together cover a larger share than ``cover_thresh``.
-
-    And those whose IoU with any of them is larger than ``iou_thresh``.
-    """
+    """Drop candidates of which (K, M, M) bool masks of the same level together cover a larger share than
+    ``cover_thresh``. And those whose IoU with any of them is larger than ``iou_thresh``."""
     if len(others) == 0:
         return found
     # Two criteria: parts of a tracked object are covered by it, and a larger version of it overlaps it.

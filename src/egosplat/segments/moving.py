@@ -25,15 +25,12 @@ def track_moving(
     training: NDArray[np.intp],
     checkpoint: Checkpoint | None = None,
 ) -> Segmented:
-    """Track what moves: merge duplicates, and drop tracks that are short or do not move after all.
-
-    The transient network also calls some static pixels moving, and SAM2's tracks slip to what is behind. So a track
-    ends in frames in which its mean probability is low, and it takes more to keep a track than to start one: its mean
-    probability over all its pixels in the ``training`` frames, of which every ``key_frame_stride``-th is prompted.
-
-    Args:
-        probability: returns the (H, W) probability in 0..1 that a frame's pixels move; not finite counts as 0.
-    """
+    """Track what moves: merge duplicates, and drop tracks that are short or do not move after all. The
+    transient network also calls some static pixels moving, and SAM2's tracks slip to what is behind. So a
+    track ends in frames in which its mean probability is low, and it takes more to keep a track than to start
+    one: its mean probability over all its pixels in the ``training`` frames, of which every
+    ``key_frame_stride``-th is prompted. ``probability``: returns the (H, W) probability in 0..1 that a
+    frame's pixels move; not finite counts as 0."""
 
     def moves(frame: int) -> NDArray[np.float32]:
         return np.where(video.shown(frame), probability(frame).astype(np.float32), np.float32(0))
@@ -54,10 +51,9 @@ def track_moving(
 
 
 def add_tracks(single: Segmented, tracked: Segmented) -> Segmented:
-    """Add the tracks of what moves to the masks of single frames, of the same video: the masks, then the tracks.
-
-    A mask that tracks cover for the most part is without pixels. Where a track of any level is, no single mask stays.
-    """
+    """Add the tracks of what moves to the masks of single frames, of the same video: the masks, then the
+    tracks. A mask that tracks cover for the most part is without pixels. Where a track of any level is, no
+    single mask stays."""
     count, frames = len(single.instances), len(single.labels)
     labels = LabelMaps((frames, *single.labels[0].shape))
     for frame in range(frames):

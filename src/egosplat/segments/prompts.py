@@ -41,10 +41,9 @@ def lie_in(points: Tensor, pixels: Tensor) -> Tensor:
 def prompt(
     sam2: Sam2, encoded: EncodedImage, points: Tensor, options: SegmentsOptions, bounds: Bounds | None = None
 ) -> list[Candidates]:
-    """Prompt SAM2 with points: candidates of each level, in the order of the points, without masks of low quality.
-
-    ``points`` are (P, 2) x, y in [0, 1] of the image's sides; ``bounds`` None stands for those of ``options.min_area``.
-    """
+    """Prompt SAM2 with points: candidates of each level, in the order of the points, without masks of low
+    quality. ``points`` are (P, 2) x, y in [0, 1] of the image's sides; ``bounds`` None stands for those of
+    ``options.min_area``."""
     bounds, limits = bounds or Bounds(options.min_area), options.mask_filter
     decoder = PointDecoder.of(sam2, encoded)
     on_cpu = sam2.compute.device.type == "cpu"

@@ -1,8 +1,6 @@
-"""Propagate masks through a video with SAM2's memory attention, in bounded memory.
-
-SAM2's own predictor keeps the output of every frame for every object. The memory attention uses only an object's
-first frame and the last few frames. Only those are kept here, and objects with the same first frame form a batch.
-"""
+"""Propagate masks through a video with SAM2's memory attention, in bounded memory. SAM2's own predictor keeps
+the output of every frame for every object. The memory attention uses only an object's first frame and the
+last few frames. Only those are kept here, and objects with the same first frame form a batch."""
 
 import math
 from collections.abc import Callable
@@ -78,14 +76,11 @@ class Propagator:
         *,
         lost_tracks_end: bool = False,
     ) -> None:
-        """Set up for a video of so many frames.
-
-        Args:
-            encoded: returns the features of a frame; called for those in which an object is searched for.
-            lost_track_stride: search for an object that was not seen for this many frames only in frames that are a
-                multiple of it. In the others it counts as absent and its memory stays as it was.
-            lost_tracks_end: whether to search no more for what is out of view for as long as SAM2's memory reaches.
-        """
+        """Set up for a video of so many frames. ``encoded``: returns the features of a frame; called for
+        those in which an object is searched for. ``lost_track_stride``: search for an object that was not
+        seen for this many frames only in frames that are a multiple of it. In the others it counts as absent
+        and its memory stays as it was. ``lost_tracks_end``: whether to search no more for what is out of view
+        for as long as SAM2's memory reaches."""
         self._model, self._encoded = sam2.video_predictor, encoded
         self._frames, self._lost_track_stride = frames, lost_track_stride
         self._patience = self._model.max_obj_ptrs_in_encoder if lost_tracks_end else math.inf
@@ -111,11 +106,9 @@ class Propagator:
         return Group(ids, frame, position[-1][:1], begun, torch.zeros(len(ids)))
 
     def step(self, frame: int, group: Group, reverse: bool, accepts: Accepts | None = None) -> Tensor:
-        """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is absent.
-
-        Args:
-            accepts: decides which masks are of their object; the others count as absent and are not remembered.
-        """
+        """Propagate a group to the next frame: (K, M, M) float32 logits; all are below 0 if an object is
+        absent. ``accepts``: decides which masks are of their object; the others count as absent and are not
+        remembered."""
         count, side = len(group.ids), self._model.image_size // 4
         # SAM2's logit of an absent object, for the objects that are not searched for in this frame.
         logits = group.begun["obj_ptr"].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)

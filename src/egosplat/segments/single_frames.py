@@ -34,10 +34,9 @@ _OUTSIDE = -10.0
 
 
 def segment_frame(sam2: Sam2, video: Video, frame: int, options: SegmentsOptions) -> State:
-    """Prompt a frame with the whole grid of points, and crops of it at SAM2's own image size: they are larger anyway.
-
-    Returns its compressed ``labels``, and ``[level, predicted IoU, stability]`` of each of its ``masks``.
-    """
+    """Prompt a frame with the whole grid of points, and crops of it at SAM2's own image size: they are larger
+    anyway. Returns its compressed ``labels``, and ``[level, predicted IoU, stability]`` of each of its
+    ``masks``."""
     image, shown = video.image(frame), video.shown(frame)
     labels, instances = [], []
     with sam2.compute.inference():
@@ -89,11 +88,10 @@ def prompt_with_crops(
     found: list[Candidates],
     options: SegmentsOptions,
 ) -> list[Candidates]:
-    """Add masks of small things, from crops of the (H, W, 3) image, to the candidates of each level that the whole frame gave.
-
-    Pixels that do not show the scene, (H, W) bool ``shown``, are not prompted. The candidates' logits have the size of the
-    frame's, or the larger one of ``crops_per_side`` times the crops'.
-    """
+    """Add masks of small things, from crops of the (H, W, 3) image, to the candidates of each level that the
+    whole frame gave. Pixels that do not show the scene, (H, W) bool ``shown``, are not prompted. The
+    candidates' logits have the size of the frame's, or the larger one of ``crops_per_side`` times the
+    crops'."""
     height, width = shown.shape
     crops, by_crop = crops_of(height, width, options.crops_per_side), []
     coarse_side = found[0].logits.shape[-1]

@@ -33,15 +33,11 @@ def run(
     gather: Sequence[Path] = (),
 ) -> None:
     """Write the segments artifact of ``frames``. A killed run with SAM2 resumes, with the same result.
-
-    UserError: the model cannot be loaded, the survey or transient.zarr is missing or of other frames, no instance is found,
-    or there are chunks of a video that is tracked.
-
-    Args:
-        survey_path: frames that the survey drops are skipped; all their labels are -1.
-        transient_path: where things move, if the prompting is ``each_frame``; None to track nothing. A chunk needs none.
-        chunk, gather: as in ``Work``, if the prompting is ``each_frame``.
-    """
+    UserError: the model cannot be loaded, the survey or transient.zarr is missing or of other frames, no
+    instance is found, or there are chunks of a video that is tracked. ``survey_path``: frames that the survey
+    drops are skipped; all their labels are -1. ``transient_path``: where things move, if the prompting is
+    ``each_frame``; None to track nothing. A chunk needs none. ``chunk``, ``gather``: as in ``Work``, if the
+    prompting is ``each_frame``."""
     if not options.single_frames and (chunk or gather):
         raise UserError(
             "segments: only frames that SAM2 segments one by one make chunks; set segments.prompting to each_frame"

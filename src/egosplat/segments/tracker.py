@@ -47,13 +47,9 @@ class Tracker:
         moves: Callable[[int], NDArray[np.float32]] | None = None,
         prompted: Iterable[int] = (0,),
     ) -> None:
-        """Set up, without reading a frame's image.
-
-        Args:
-            moves: returns the (H, W) probability that a frame's pixels move: only those that may move are prompted, and a
-                track is lost where they hardly do. None: tracks follow everything.
-            prompted: frames in which objects are searched for.
-        """
+        """Set up, without reading a frame's image. ``moves``: returns the (H, W) probability that a frame's
+        pixels move: only those that may move are prompted, and a track is lost where they hardly do. None:
+        tracks follow everything. ``prompted``: frames in which objects are searched for."""
         self._sam2, self._video, self._options = sam2, video, options
         self._searched = frozenset(prompted)
         self._groups: list[list[Group]] = [[] for _ in LEVELS]

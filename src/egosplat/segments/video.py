@@ -96,11 +96,9 @@ class LabelMaps:
 
 @dataclass(frozen=True)
 class Segmented:
-    """A segmented video, before duplicates are merged and fragments dropped.
-
-    ``labels`` number the instance of each pixel, by frame and level; ``same`` are pairs of numbers that are one object, and
-    ``prompted`` the frames in which instances were searched for.
-    """
+    """A segmented video, before duplicates are merged and fragments dropped. ``labels`` number the instance
+    of each pixel, by frame and level; ``same`` are pairs of numbers that are one object, and ``prompted`` the
+    frames in which instances were searched for."""
 
     labels: LabelMaps
     instances: list[Track]
@@ -110,10 +108,9 @@ class Segmented:
 
 def finalize_instances(segmented: Segmented, min_frames: int) -> tuple[Labels, NDArray[np.int64], int]:
     """Merge instances that are the same object, and drop those seen in fewer than ``min_frames`` frames.
-
-    (count + 1,) int32 new number of each instance, -1 if it is dropped, and -1 last, so that indexing with -1 gives -1; the
-    (N,) old numbers of the kept instances, in their new order; the number of those merged into others.
-    """
+    (count + 1,) int32 new number of each instance, -1 if it is dropped, and -1 last, so that indexing with -1
+    gives -1; the (N,) old numbers of the kept instances, in their new order; the number of those merged into
+    others."""
     count, frames = len(segmented.instances), len(segmented.labels)
     pairs = np.array(segmented.same, np.int64).reshape(-1, 2)
     # Being the same object is transitive, although overlapping is not.

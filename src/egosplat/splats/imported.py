@@ -136,10 +136,6 @@ def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str,
     yield "the recording's", unit
     if not np.array_equal(unit, np.eye(4)):
         yield "the recording's, in meters", np.eye(4)
-    if (gsplat := notes.get("gsplat_world")) is not None:
-        for signs in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]):
-            undone = np.linalg.inv(compose(np.diag([*signs, 1.0]), np.array(gsplat)))
-            yield "gsplat's normalized world", compose(unit, undone)
     scale = np.diag([*[notes.get("applied_scale", 1.0)] * 3, 1.0])
     yield "COLMAP's, before applied_transform", compose(unit, compose(scale, applied[-1]))
     for axes, diagonal in (("y and z", [1, -1, -1]), ("x and y", [-1, -1, 1]), ("x and z", [-1, 1, -1])):

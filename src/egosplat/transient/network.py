@@ -42,9 +42,8 @@ class TransientNet(nn.Module):
 
     def __init__(self, input_size: int, sideways: bool) -> None:
         """Build the layers with random weights, for a square input of ``input_size`` [px], a multiple of 32.
-
-        ``sideways`` images lie on their side, as from Aria's sensor, and are turned upright for the network.
-        """
+        ``sideways`` images lie on their side, as from Aria's sensor, and are turned upright for the
+        network."""
         super().__init__()
         self._input_size = input_size
         self._sideways = sideways
@@ -56,10 +55,8 @@ class TransientNet(nn.Module):
             self.register_buffer(f"_{name}", torch.tensor(values)[:, None, None], persistent=False)
 
     def forward(self, picture: Tensor, height: int, width: int) -> Tensor:
-        """Return the (height, width) float32 probability that a pixel is transient.
-
-        ``picture`` is (H, W, 3) float32 sRGB, clamped to [0, 1]; a value that is not finite counts as 0.
-        """
+        """Return the (height, width) float32 probability that a pixel is transient. ``picture`` is (H, W, 3)
+        float32 sRGB, clamped to [0, 1]; a value that is not finite counts as 0."""
         batch = picture.nan_to_num(0.0, 0.0, 0.0).clamp(0.0, 1.0).permute(2, 0, 1)[None]
         batch = _resized((batch - self._mean) / self._std, self._input_size, self._input_size)
         # ImageNet's weights know upright images, and the scene stands on the floor (docs/method.md#upright).

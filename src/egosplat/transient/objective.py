@@ -114,10 +114,8 @@ class InitialObjective(Objective):
 
 
 class ResidualScale:
-    """Residuals of V views while the Gaussians are trained on all pixels, those that move too.
-
-    ``scale`` is the (V,) float32 median squared difference of each view; NaN if it was not measured.
-    """
+    """Residuals of V views while the Gaussians are trained on all pixels, those that move too. ``scale`` is
+    the (V,) float32 median squared difference of each view; NaN if it was not measured."""
 
     def __init__(self, device: torch.device) -> None:
         """Start without views; their number and size follow from the first measurement."""
@@ -133,10 +131,8 @@ class ResidualScale:
 
     @torch.no_grad()
     def measure(self, index: int, views: int, residual: Tensor, shown: Tensor | None) -> None:
-        """Replace the measurement of one of so many views.
-
-        ``residual`` is the (H, W) squared difference to the render; one that is not finite is left out, as where ``shown`` is 0.
-        """
+        """Replace the measurement of one of so many views. ``residual`` is the (H, W) squared difference to
+        the render; one that is not finite is left out, as where ``shown`` is 0."""
         if not len(self.scale):
             self.scale = residual.new_full((views,), torch.nan)
             self._stands_out = residual.new_zeros((views, -(-residual.numel() // 8)), dtype=torch.uint8)
@@ -155,11 +151,9 @@ class ResidualScale:
         return bits.astype(bool).reshape(height, width)
 
     def unit(self, index: int) -> Tensor:
-        """() residual of static pixels in a view: the median of the view or of all views, whichever is larger.
-
-        A view that is blurred or of another exposure has a larger median, and is not transient as a whole. A view
-        that is easy to render has a smaller one, and the scene's median holds.
-        """
+        """() residual of static pixels in a view: the median of the view or of all views, whichever is
+        larger. A view that is blurred or of another exposure has a larger median, and is not transient as a
+        whole. A view that is easy to render has a smaller one, and the scene's median holds."""
         # fmax and nanmedian leave out NaN.
         return torch.fmax(self.scale[index], self.scale.nanmedian()).nan_to_num(0.0).clamp_min(LEAST_SCALE)
 

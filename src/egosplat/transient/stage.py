@@ -39,11 +39,10 @@ def run(
     *,
     survey_path: Path | None = None,
 ) -> None:
-    """Write the transient artifact of ``frames`` with ``poses``. A killed run resumes and gives an identical result.
-
-    The survey excludes frames from training, and decides keys that are ``auto``. UserError: no training frame has a pose, the
-    inputs do not belong together, the weights cannot be read, the backend cannot run, or training diverges.
-    """
+    """Write the transient artifact of ``frames`` with ``poses``. A killed run resumes and gives an identical
+    result. The survey excludes frames from training, and decides keys that are ``auto``. UserError: no
+    training frame has a pose, the inputs do not belong together, the weights cannot be read, the backend
+    cannot run, or training diverges."""
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     if told := options.stays_at_start():

@@ -27,11 +27,9 @@ _MOST_APART = 2
 
 
 def find_regions(sure: Bools, explained: Bools, outstanding: Bools | None) -> Labels:
-    """Number the regions of one frame from 1, at a longer side of ``_SIDE``; 0 elsewhere.
-
-    (H, W) pixels that the network is ``sure`` of, of instances that stand still, which ``explained`` them, and that stand out
-    from the Gaussians of the warm-up, None if that was not measured.
-    """
+    """Number the regions of one frame from 1, at a longer side of ``_SIDE``; 0 elsewhere. (H, W) pixels that
+    the network is ``sure`` of, of instances that stand still, which ``explained`` them, and that stand out
+    from the Gaussians of the warm-up, None if that was not measured."""
     labels = large_regions(_shrink(sure))
     area = np.bincount(labels.ravel())
 

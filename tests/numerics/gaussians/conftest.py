@@ -42,10 +42,8 @@ def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def scene(tmp_path: Path) -> Callable[..., Path]:
-    """``scene(**changes)``: a folder with frames.zarr and poses.zarr of a checked wall; changes replace arrays, or add ``facts``.
-
-    With ``probability`` among them there is a transient.zarr too.
-    """
+    """``scene(**changes)``: a folder with frames.zarr and poses.zarr of a checked wall; changes replace
+    arrays, or add ``facts``. With ``probability`` among them there is a transient.zarr too."""
 
     def make(**changes: Any) -> Path:
         rng = np.random.default_rng(0)

@@ -323,7 +323,6 @@ def test_check_distinguishes_valid_damaged_and_outdated_artifacts(tmp_path):
 
 @pytest.mark.parametrize("part", ["format_version", "digest", "facts", "provenance"])
 def test_an_attribute_that_is_missing_is_named(tmp_path, part):
-    """An older egosplat, or another program, may seal less."""
     write(tmp_path / "a.zarr")
     metadata = tmp_path / "a.zarr/zarr.json"
     document = json.loads(metadata.read_text())

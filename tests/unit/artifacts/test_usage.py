@@ -79,7 +79,6 @@ def test_the_commit_is_that_of_tracked_files_alone(tmp_path):
 
 
 def test_a_commit_is_recorded_and_decides_nothing(monkeypatch):
-    """A stage with another commit has the same key, so training goes on from its checkpoint."""
     found = []
     for commit in ("c0de", "beef"):
         monkeypatch.setattr(provenance, "checkout", lambda commit=commit: {"commit": commit, "clean": True})

@@ -26,10 +26,8 @@ BUILDS = [
 
 
 def device(version: DeviceVersion, build: str, origin: str, tilt_deg: float = 0.0) -> DeviceCalibration:
-    """A device as the library's own CAD has it, its RGB camera turned about its axis, read back from JSON as from a VRS.
-
-    Pictures are 256 x 192 pixels: not square, as gen2's.
-    """
+    """A device as the library's own CAD has it, its RGB camera turned about its axis, read back from JSON as
+    from a VRS. Pictures are 256 x 192 pixels: not square, as gen2's."""
     cad = aria.DeviceCadExtrinsics(version, build, origin)
     empty = DeviceCalibration({}, {}, {}, {}, {}, cad, build, origin, version)
     turn = Rotation.from_euler("z", tilt_deg, degrees=True).as_matrix()

@@ -1,4 +1,4 @@
-"""Training starts at the visible points, within the budget."""
+"""Training starts at the visible points, within the budget, and at one in each valid cell without points, at a plausible depth."""
 
 import numpy as np
 import pytest
@@ -6,9 +6,88 @@ import torch
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
-from egosplat.gaussians.initialization import starting_gaussians
+from egosplat.gaussians.initialization import CELLS, densify, starting_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import read_views
+from egosplat.geometry import Camera, invert, transform
+
+CAMERA = Camera(96, 48, 60.0, 60.0, 48.0, 24.0)
+POSE = np.eye(4)
+ALL = np.ones((48, 96), bool)
+
+
+def wall(depth: float, left_half: bool) -> tuple[np.ndarray, np.ndarray]:
+    """A point in the middle of every cell, or of those of the left half alone."""
+    side = 96 / CELLS
+    columns, rows = np.meshgrid(np.arange(CELLS) + 0.5, np.arange(CELLS // 2) + 0.5)
+    pixels = np.stack([columns.ravel(), rows.ravel()], axis=1) * side
+    if left_half:
+        pixels = pixels[pixels[:, 0] < 48]
+    rays = (pixels - (CAMERA.cx, CAMERA.cy)) / (CAMERA.fx, CAMERA.fy)
+    return np.column_stack([rays, np.ones(len(rays))]) * depth, np.zeros((len(rays), 3), np.uint8)
+
+
+def picture() -> np.ndarray:
+    """One whose pixels tell their column and row."""
+    rows, columns = np.mgrid[:48, :96]
+    return np.stack([columns, rows, np.full_like(rows, 7)], axis=-1).astype(np.uint8)[None]
+
+
+def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
+    shown = picture() if pictures is None else pictures
+    return densify(xyz, rgb, CAMERA, poses, shown, valid, near_plane=0.1)
+
+
+VALID = ALL.copy()
+VALID[:, 48:] = False
+
+
+@pytest.mark.parametrize(
+    ("xyz", "valid"),
+    [
+        (wall(3.0, left_half=False)[0], ALL),
+        (wall(3.0, left_half=True)[0], VALID),
+        *((np.array(behind).reshape(-1, 3), ALL) for behind in ([], [0, 0, -2.0], [0, 0, 0.05])),
+    ],
+    ids=["points everywhere", "elsewhere no valid pixel", "no point", "behind", "before the near plane"],
+)
+def test_nothing_is_added(xyz, valid):
+    rgb = np.full(xyz.shape, 9, np.uint8)
+    every, colors = cover(xyz, rgb, valid=valid)
+    np.testing.assert_array_equal(every, xyz)
+    np.testing.assert_array_equal(colors, rgb)
+
+
+def test_empty_cells_get_a_point_at_the_neighboring_depth_in_the_image_s_color():
+    xyz, rgb = wall(3.0, left_half=True)
+    every, colors = cover(xyz, rgb)
+    new, shown = every[len(xyz) :], colors[len(xyz) :]
+    assert len(new) == CELLS * CELLS // 4
+    np.testing.assert_allclose(new[:, 2], 3.0)
+    pixels = CAMERA.project(new)
+    assert (pixels[:, 0] >= 48).all()
+    np.testing.assert_allclose(shown[:, :2], pixels, atol=1.0)
+    # The points of one photograph count for the next.
+    assert len(cover(xyz, rgb, np.stack([POSE, POSE]), pictures=np.concatenate([picture()] * 2))[0]) == len(
+        every
+    )
+
+
+def test_the_nearest_cell_s_median_decides():
+    xyz, rgb = wall(3.0, left_half=True)
+    nearer = np.concatenate([xyz, xyz * 2, xyz * 2.5])
+    every, _ = cover(nearer, np.concatenate([rgb] * 3))
+    np.testing.assert_allclose(every[len(nearer) :, 2], 6.0)
+
+
+def test_points_are_in_the_world_s_frame():
+    pose = np.eye(4)
+    pose[:3, :3] = [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]
+    pose[:3, 3] = (5.0, -2.0, 1.0)
+    xyz, rgb = wall(3.0, left_half=True)
+    here, _ = cover(xyz, rgb)
+    there, _ = cover(transform(pose, xyz), rgb, pose[None])
+    np.testing.assert_allclose(transform(invert(pose), there), here, atol=1e-12)
 
 
 @pytest.fixture
@@ -26,12 +105,9 @@ def start(scene, points):
     return make
 
 
-def test_without_densify_init_gaussians_start_at_the_points(start):
-    assert float(start(False, 1000).means[:, 0].max()) < 0
-
-
 def test_densify_init_adds_gaussians_where_no_point_is_known(start):
     known, covered = start(False, 1000), start(True, 1000)
+    assert float(known.means[:, 0].max()) < 0
     torch.testing.assert_close(covered.means[: known.count], known.means)
     new = covered.means[known.count :]
     assert int((new[:, 0] > 0.3).sum()) > 30

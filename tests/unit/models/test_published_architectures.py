@@ -1,7 +1,6 @@
-"""Each published architecture of the catalogue loads from a file in its published format and runs, SAM2's smallest and OpenCLIP also in bfloat16.
-
-The weights are random: no published file is here. Loading, shapes and dtypes do not depend on their values.
-"""
+"""Each published architecture of the catalogue loads from a file in its published format and runs, SAM2's
+smallest and OpenCLIP also in bfloat16. The weights are random: no published file is here. Loading, shapes and
+dtypes do not depend on their values."""
 
 import shutil
 from collections.abc import Iterator
@@ -67,10 +66,8 @@ def configured(cache: Path, precision: str, **models: str) -> Config:
 
 
 def with_two_blocks(*arguments: str) -> OpenClip:
-    """Load OpenCLIP whole; run two blocks of each transformer.
-
-    All blocks are alike, and in bfloat16 a processor without instructions for it needs a second for each.
-    """
+    """Load OpenCLIP whole; run two blocks of each transformer. All blocks are alike, and in bfloat16 a
+    processor without instructions for it needs a second for each."""
     clip = load_open_clip(*arguments)
     for transformer in (clip.model.visual.transformer, clip.model.transformer):
         del transformer.resblocks[2:]

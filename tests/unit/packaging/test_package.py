@@ -146,9 +146,7 @@ def test_an_empty_folder_is_enough(installed, tmp_path):
 
 def test_doctor_finds_everything(installed, sdist, tmp_path):
     """The configuration, the kernels, the small checkpoints and the table of scenes come with the package.
-
-    The remedy for missing kernels names the source distribution.
-    """
+    The remedy for missing kernels names the source distribution."""
     report = ensure(installed.call("egosplat", "doctor", cwd=tmp_path))
     assert f"{installed.site}/egosplat/shipped/config/config.yaml" in "".join(report.split())
     if all((ROOT / "src" / name).is_file() for name in LIBRARIES):

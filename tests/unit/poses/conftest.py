@@ -1,7 +1,5 @@
-"""Fixtures for tests of poses: rendered images of a room, and trajectory tables.
-
-The room is a corner with a poster in front of it; an image is one homography per plane.
-"""
+"""Fixtures for tests of poses: rendered images of a room, and trajectory tables. The room is a corner with a
+poster in front of it; an image is one homography per plane."""
 
 from collections.abc import Callable
 from pathlib import Path

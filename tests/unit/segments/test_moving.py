@@ -162,7 +162,6 @@ def maps(*frames: list[list[int]]) -> LabelMaps:
 
 
 def test_tracks_win_over_masks_and_masks_of_the_same_thing_go():
-    """Three masks of frame 0; a track at level 1."""
     nothing, masks = [-1] * 6, [Track(level, 0, 1, 1) for level in (0, 0, 1)]
     single = Segmented(maps([[0, 0, 0, 1, 1, 1], [2] * 6], [nothing] * 2), masks, [], [0])
     shown = maps([nothing, [-1, 0, 0, 0, -1, -1]], [nothing, [-1, -1, -1, -1, 0, 0]])

@@ -95,7 +95,6 @@ def test_duplicates_are_merged_and_fragments_dropped(segmented):
 
 
 def test_coverage_counts_shown_pixels_frames_and_instances(segmented):
-    """Two rows do not show the scene; instance 0 covers half of the others in one frame."""
     labels = nothing()
     labels[0, 0, :33] = 0
     facts = segmented(labels, [Track(0, 0, 1.0, 1.0)], min_frames=1).facts

@@ -25,7 +25,6 @@ def overlaps(*frames: dict[int, tuple[int, int]]) -> Overlaps:
 
 
 def test_instances_that_overlap_in_their_common_frames_are_the_same():
-    """A frame in which one of them is not visible does not count."""
     found = overlaps(
         {0: (0, 10), 1: (12, 20)},
         {0: (0, 10), 1: (12, 20), 4: (1, 10)},

@@ -18,7 +18,6 @@ from egosplat.export.gaussians import geometry_columns, write_ply
 from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.similarity import moved
-from egosplat.poses.known import gsplat_world
 from egosplat.splats import stage
 from egosplat.splats.imported import known_worlds
 from egosplat.splats.source_reader import read_source
@@ -196,8 +195,6 @@ def cases():
     yield "of our export", {}, 2.5, np.diag([2.5, 2.5, 2.5, 1]), None
     yield "z reversed", {}, 2.0, np.diag([1.0, -1, -1, 1]), None
     yield "y up", {}, None, np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]]), None
-    normalized = similarity(6, 0.4)
-    yield "gsplat", {"gsplat_world": normalized.tolist()}, 3.0, np.diag([-1.0, 1, -1, 1]) @ normalized, None
     yield "COLMAP", {"applied_transform": APPLIED}, None, np.linalg.inv(square), None
     for applied, scale in ((None, 1.0), (APPLIED, 1.0), (APPLIED, 0.5)):
         notes = {} if applied is None else {"applied_transform": applied, "applied_scale": scale}
@@ -229,22 +226,6 @@ def test_a_damaged_transform_is_named(tmp_path, text):
     path = write(tmp_path / "dataparser_transforms.json", text.encode())
     with pytest.raises(UserError, match=f"^{path}: has no transform"):
         list(known_worlds([path], fake_poses()))
-
-
-def test_gsplat_turns_centers_and_scales(camera_to_world):
-    """Its scale is by the cameras, its axes are the principal ones of the points."""
-    random = np.random.default_rng(3)
-    points = random.normal(size=(200, 3)) * [5.0, 1.0, 2.0] + [4.0, 5.0, 6.0]
-    matrix = gsplat_world(camera_to_world, points)
-    moved_points = points @ matrix[:3, :3].T + matrix[:3, 3]
-    spread = np.cov(moved_points, rowvar=False)
-    assert np.abs(np.triu(spread, 1)).max() < 1e-9 and (np.diff(np.diag(spread)) < 0).all()
-    assert np.abs(np.median(moved_points, axis=0)).max() < np.abs(points).max() * 0.1
-    # All cameras look along z; the median of the points of their axes nearest to the origin is the origin.
-    distance = np.median(np.linalg.norm(camera_to_world[:, :3, 3], axis=1))
-    assert np.linalg.det(matrix[:3, :3]) == pytest.approx(distance**-3)
-    assert gsplat_world(camera_to_world, points[:2]) is None
-    assert gsplat_world(camera_to_world[:1] * 0 + np.eye(4), points) is None
 
 
 def test_gaussians_in_the_world_of_nerfstudio_fit(filmed, trained, tmp_path):

@@ -60,9 +60,7 @@ def take_steps(objective: InitialObjective, views: Views, count: int, offset: fl
 @pytest.fixture
 def scene(tmp_path, pictures) -> Callable[..., Path]:
     """``scene(**changes)``: a folder with frames.zarr, poses.zarr and instances.zarr; changes replace arrays.
-
-    Of the segments' three instances 0 is the square and 1 the lower half, both at level 2; 2 has no pixel.
-    """
+    Of the segments' three instances 0 is the square and 1 the lower half, both at level 2; 2 has no pixel."""
 
     def make(facts: dict[str, object] | None = None, **changes: np.ndarray) -> Path:
         rng = np.random.default_rng(0)

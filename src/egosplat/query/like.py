@@ -1,0 +1,261 @@
+"""Ask scenes by a picture of a thing, or by a name that was given to one by hand (docs/look.md#pictures)."""
+
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from egosplat.errors import UserError
+from egosplat.features.crops import encode, pad_square, resize
+from egosplat.files import atomic_file, read_json, write_text
+from egosplat.frames.images import read_rgb
+from egosplat.geometry import Array
+from egosplat.histories.told import clock
+from egosplat.images import resize_image
+from egosplat.models.clip import OpenClip
+from egosplat.query.command import _numbers, _table
+from egosplat.query.finished_scene import Scene
+from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
+from egosplat.query.text import clean_phrase
+
+# Where a scene keeps names: beside its artifacts, and neither an input nor an output of a stage.
+NAMES = "names.json"
+
+# Least similarity of a thing that is found, and of a best guess (benchmarks/visual_queries).
+LIMITS = {FOUND: 0.9, GUESS: 0.86}
+
+# What is in the middle of a picture, by these shares of its sides, is compared, too: it may show more than its thing.
+_MIDDLES = (1.0, 0.87, 0.77)
+
+# Views of a thing that count, those most like a picture: others show it from behind. Views that a name keeps.
+_BEST, _KEPT = 3, 8
+
+# Things that are compared with a picture once more, by crops with what surrounds them; and views of each.
+_AGAIN, _VIEWS_AGAIN = 16, 6
+
+# Two things are one if they share more than this part of the smaller one's Gaussians.
+_SAME = 0.25
+
+# Smallest side of a picture, and height of those that are drawn [px].
+_LEAST_SIDE, _DRAWN = 12, 256
+
+Pixels = NDArray[np.uint8]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Alike:
+    """A thing of a scene that may be what a picture shows.
+
+    Attributes:
+        instance, members: its number in instances.zarr, and (M,) its Gaussians there, none of what moves.
+        similarity: mean cosine of its best views with the picture.
+        center, size: (3,) float64 median and sides of the box of its Gaussians; NaN of what moves.
+        frame, box: the view most like the picture, and x0, y0, x1, y1 around the thing there, the ends exclusive [px].
+        last_s: when it was seen last, by training frames [s since the first frame].
+    """
+
+    instance: int
+    members: Ints
+    similarity: float
+    center: Array
+    size: Array
+    frame: int
+    box: tuple[int, ...]
+    last_s: float
+
+    @property
+    def grade(self) -> str:
+        """``found``, ``best guess`` or ``not found``."""
+        return next((grade for grade, least in LIMITS.items() if self.similarity >= least), NOT_FOUND)
+
+
+class Looks:
+    """What the things of a scene look like: V views of instances, with their features."""
+
+    def __init__(self, scene: Scene) -> None:
+        """Read them (UserError: the scene has none, or they are damaged or of another scene)."""
+        self.scene, views, things = scene, scene.artifact("view_features"), scene.artifact("instances")
+        self.instance, self.frame, self.box = (views.read(name) for name in ("instance", "frame", "box"))
+        self.feature = views.read("feature").astype(np.float64)
+        self.level, self.owner = things.read("instances/level"), things.read("gaussians/instance")
+        self._xyz = things.read("gaussians/xyz").astype(np.float64)
+
+    def keep(self, chosen: NDArray[np.bool_]) -> None:
+        """Forget all views but some, (V,)."""
+        for name in ("instance", "frame", "box", "feature"):
+            setattr(self, name, getattr(self, name)[chosen])
+
+    def find(self, asked: Array, most: int, pictured: bool = False) -> list[Alike]:
+        """At most ``most`` things by decreasing similarity to any of (Q, D) features of unit norm; of those that overlap, the best.
+        With what surrounds them, if they are ``pictured``."""
+        every = np.arange(len(self.frame))
+        fits = (self.feature @ asked.T).max(axis=1, initial=-1.0)
+        ranked = self._ranked(every, fits)
+        if pictured and ranked:
+            every = np.concatenate([rows[:_VIEWS_AGAIN] for _, rows in ranked[:_AGAIN]])
+            views = zip(self.frame[every].tolist(), self.box[every].tolist(), strict=True)
+            crops = [self.scene.frames[frame][y0:y1, x0:x1] for frame, (x0, y0, x1, y1) in views]
+            fits[every] = (_encode(self.scene.clip, crops) @ asked.T).max(axis=1)
+            ranked = self._ranked(every, fits)
+        kept: list[Alike] = []
+        for similarity, rows in ranked:
+            thing = self._thing(similarity, rows)
+            if len(kept) < most and not any(self._is_one(thing, other) for other in kept):
+                kept.append(thing)
+        return kept
+
+    def _ranked(self, rows: Ints, fits: Array) -> list[tuple[float, Ints]]:
+        """The similarity of each thing with some of the ``rows``, and its own, the most alike first; by decreasing similarity."""
+        rows = rows[np.lexsort((-fits[rows], self.instance[rows]))]
+        things = np.split(rows, np.flatnonzero(np.diff(self.instance[rows])) + 1) if len(rows) else []
+        scored = ((float(fits[own[:_BEST]].mean()), own) for own in things)
+        return sorted(scored, key=lambda one: -one[0])
+
+    def _thing(self, similarity: float, rows: Ints) -> Alike:
+        number, best = int(self.instance[rows[0]]), rows[0]
+        members = np.flatnonzero(self.owner[:, self.level[number]] == number)
+        places = self._xyz[members] if len(members) else np.full((1, 3), np.nan)
+        low, center, high = np.quantile(places, (0.02, 0.5, 0.98), axis=0)
+        last_s = float(self.scene.seconds[self.frame[self.instance == number].max()])
+        shown = int(self.frame[best]), tuple(self.box[best].tolist())
+        return Alike(number, members, similarity, center, high - low, *shown, last_s)
+
+    def _is_one(self, thing: Alike, other: Alike) -> bool:
+        """Whether two things share Gaussians; of what moves and has none, whether frames show both at one place."""
+        if least := min(len(thing.members), len(other.members)):
+            return bool(np.isin(thing.members, other.members).sum() > _SAME * least)
+        rows, others = (np.flatnonzero(self.instance == one.instance) for one in (thing, other))
+        _, one, two = np.intersect1d(self.frame[rows], self.frame[others], return_indices=True)
+        boxes = self.box[rows[one]], self.box[others[two]]
+        sides = np.minimum(*boxes)[:, 2:] - np.maximum(*boxes)[:, :2]
+        areas = [(box[:, 2:] - box[:, :2]).prod(axis=1) for box in boxes]
+        return bool((sides.clip(0).prod(axis=1) > _SAME * np.maximum(*areas)).any())
+
+    def named(self, thing: str) -> Alike:
+        """The thing in 3D at a place, as an answer prints it, or that a word finds (UserError: none is there, or is found)."""
+        if re.fullmatch(r"\s*-?[\d.]+(\s*,\s*-?[\d.]+){2}\s*", thing):
+            center = np.array([float(number) for number in thing.split(",")])
+        else:
+            [answer] = self.scene.ask(thing, most=1)
+            if not answer.things:
+                raise UserError(f"{thing!r}: {answer.refusal}; give a place that an answer prints")
+            center = answer.things[0].center
+        ranked = self._ranked(np.arange(len(self.frame)), np.ones(len(self.frame)))
+        solid = [one for one in (self._thing(1.0, rows) for _, rows in ranked) if len(one.members)]
+        near = min(solid, key=lambda one: np.linalg.norm(one.center - center), default=None)
+        if near is None or np.linalg.norm(near.center - center) > near.size.max():
+            raise UserError(f"{thing}: no thing is there; give a place that an answer prints, or a word")
+        return near
+
+
+def read_picture(path: Path) -> Pixels:
+    """(H, W, 3) uint8 of a picture of a thing (UserError: it is none, or too small)."""
+    picture = read_rgb(path)
+    height, width = picture.shape[:2]
+    if min(height, width) < _LEAST_SIDE:
+        raise UserError(f"{path}: {width}x{height} px; give a picture with {_LEAST_SIDE} px a side or more")
+    return picture
+
+
+def see(clip: OpenClip, picture: Pixels) -> Array:
+    """(Q, D) features of an (H, W, 3) picture of a thing, and of what is in its middle."""
+    sides = np.array(picture.shape[:2])
+    cuts = [((1 - share) / 2 * sides).astype(int) for share in _MIDDLES]
+    return _encode(clip, [picture[top : sides[0] - top, left : sides[1] - left] for top, left in cuts])
+
+
+def _encode(clip: OpenClip, crops: Sequence[Pixels]) -> Array:
+    wanted = clip.preprocessing
+    squares = [resize(pad_square(crop), wanted.image_size, wanted.interpolation) for crop in crops]
+    return np.nan_to_num(encode(clip, np.stack(squares))).astype(np.float64)
+
+
+def give_name(scene: Scene, thing: str, name: str) -> Alike:
+    """Keep a name for the thing at a place, or that a word finds, beside the scene. Raises as ``Looks.named``."""
+    if not (key := clean_phrase(name).lower()):
+        raise UserError("name: is blank; give one or more words")
+    looks, path = Looks(scene), scene.folder / NAMES
+    named = looks.named(thing)
+    rows = np.flatnonzero(looks.instance == named.instance)
+    kept = looks.feature[rows[np.linspace(0, len(rows) - 1, min(len(rows), _KEPT)).astype(int)]]
+    entry = {"clip": scene.encoded.facts["clip"]["hash"], "center": named.center.round(3).tolist()}
+    names = read_names(path) | {key: entry | {"features": kept.round(4).tolist()}}
+    write_text(path, json.dumps(names))
+    return named
+
+
+def read_names(path: Path) -> dict[str, Any]:
+    """The names in a file, or in that of a scene's folder; none without one (UserError: it is no such file)."""
+    path = path / NAMES if path.is_dir() else path
+    try:
+        names = read_json(path) if path.name != NAMES or path.exists() else {}
+        return {name: {"clip": str(one["clip"]), **one} for name, one in names.items()}
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        raise UserError(f"{path}: is no file of names ({error}); give the folder of a scene") from None
+
+
+def run(
+    scenes: Sequence[Scene], pictures: Sequence[Path], names: Mapping[str, Any], most: int, output: Path
+) -> Iterator[str]:
+    """Ask each of some scenes for what pictures show and what names mean, by ``most`` things each; ``names`` as of ``read_names``.
+
+    Yields tables, then lines about the drawing (UserError: as ``read_picture``; or a name was given by another OpenCLIP).
+    """
+    shown = {str(path): read_picture(path) for path in pictures}
+    drawn, best = [], {}
+    for scene in scenes:
+        looks, own = Looks(scene), scene.encoded.facts["clip"]["hash"]
+        head = f"like,answer,similarity,lead,center [{scene.unit}],size [{scene.unit}],frame,last seen"
+        rows = [tuple(head.split(","))]
+        for asked in (*shown, *names):
+            if asked in names and names[asked]["clip"] != own:
+                raise UserError(f"{asked!r}: was named with another OpenCLIP; name it in a scene of this one")
+            wanted = see(scene.clip, shown[asked]) if asked in shown else np.array(names[asked]["features"])
+            things = looks.find(wanted, max(2, most), asked in shown)
+            rows += _rows(asked, things, most)
+            drawn.append((shown.get(asked), scene, things[:most]))
+            if things and things[0].similarity > best.get(asked, (0.0, ""))[0]:
+                best[asked] = things[0].similarity, f"{scene.folder}, last seen at {clock(things[0].last_s)}"
+        yield f"{scene.folder}, the whole scene, origin {scene.origin}\n{_table(rows)}\n"
+    if scenes[1:]:
+        yield "\n".join(f"{asked}: most alike in {where}" for asked, (_, where) in best.items())
+    with atomic_file(output) as file:
+        Image.fromarray(_draw(drawn)).save(file, format="PNG")
+    yield f"picture: {output}"
+
+
+def _rows(asked: str, things: Sequence[Alike], most: int) -> list[tuple[str, ...]]:
+    grade = things[0].grade if things else NOT_FOUND
+    lead = f"{things[0].similarity - things[1].similarity:+.2f}" if things[1:] else "-"
+    rows: list[tuple[str, ...]] = []
+    if grade == NOT_FOUND:
+        like = f" (the most alike has a similarity of {things[0].similarity:.2f})" if things else ""
+        return [(asked, f"not found: no thing here looks like it{like}")]
+    for one in [one for one in things[:most] if one.grade == grade]:
+        size = " x ".join(f"{side:.2f}" for side in one.size) if len(one.members) else "moves"
+        told = _numbers(one.center), size, str(one.frame), clock(one.last_s)
+        rows.append(("" if rows else asked, grade, f"{one.similarity:.2f}", "" if rows else lead, *told))
+    return rows
+
+
+def _draw(answers: Sequence[tuple[Pixels | None, Scene, Sequence[Alike]]]) -> Pixels:
+    """A row for each answer: the picture, then the frame most like it of each thing, with its box."""
+    rows = []
+    for picture, scene, things in answers:
+        tiles = [] if picture is None else [picture]
+        for thing in things:
+            tiles.append(scene.frames[thing.frame].copy())
+            cv2.rectangle(tiles[-1], thing.box[:2], thing.box[2:], (255, 255, 0), 4)
+        tiles = [resize_image(one, max(1, _DRAWN * one.shape[1] // one.shape[0]), _DRAWN) for one in tiles]
+        rows.append(np.hstack([*tiles, np.zeros((_DRAWN, 1, 3), np.uint8)]))
+    width = max(row.shape[1] for row in rows)
+    page = np.vstack([np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows])
+    return page
