@@ -59,7 +59,7 @@ def relevancy_maps(
     decoded = decoded if kept is None else kept[texts.canonical]
     queries = project(texts.queries.to(maps), decoder.folded[1])
     for chosen, features, usual in decoded:
-        maps[:, chosen] = _over(features @ queries.T, usual, temperature).T
+        maps.index_copy_(1, chosen, _over(features @ queries.T, usual, temperature).T)
     return maps.reshape(-1, *seen.shape)
 
 
