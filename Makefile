@@ -14,7 +14,7 @@ DEVELOPED := .venv/.developed
 KERNELS := src/egosplat/rasterize/kernels
 RAYS := src/egosplat_apartments/rays
 COMPILED := $(KERNELS)/libegosplat_generic.so
-PAGES := contact_sheet.png instances.png crops.png splats.png transient.png carries.png language.png queries.png scene.html story.html
+PAGES := contact_sheet.png instances.png crops.png splats.png transient.png carries.png queries.png scene.html story.html
 
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }

@@ -99,7 +99,7 @@ FEW_SCENES = re.compile(r"^(?:adt\tscene[267]|hoi4d\tscene1|lerf\tfigurines|3d_o
 class Workdir:
     """A working directory with its own copy of configuration and code, in which the workflow runs."""
 
-    PAGES = ("contact_sheet", "instances", "crops", "transient", "splats", "language", "queries")
+    PAGES = ("contact_sheet", "instances", "crops", "transient", "splats", "queries")
     MAIN = tuple(
         f"results/adt/scene1/{name}" for name in ("metrics.json", "scene.html", *map("{}.png".format, PAGES))
     )

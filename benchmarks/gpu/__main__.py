@@ -13,11 +13,11 @@ import click
 import torch
 
 from benchmarks.common import command
-from benchmarks.gpu import agreement, main_job, paper_memory, training
+from benchmarks.gpu import agreement, main_job, training
 from egosplat.artifacts import provenance
 from egosplat.rasterize.cuda import load_gsplat
 
-PARTS = ("agreement", "main-job", "training", "paper-memory")
+PARTS = ("agreement", "main-job", "training")
 
 
 @command(__doc__)
@@ -41,12 +41,6 @@ def main(folder: Path, parts: Sequence[str]) -> None:
         # The frames of the main job: 512 x 512 pixels.
         scene = folder / main_job.SCENE
         click.echo(f"\n## Training\n\n{training.report(gsplat, scene, folder / 'training')}")
-    if "paper-memory" in parts:
-        work = folder / "paper"
-        paper_memory.run(work)
-        click.echo(
-            f"\n## Memory of the preset paper\n\n{paper_memory.stages(work)}\n\n{paper_memory.training(work / main_job.SCENE, work)}"
-        )
 
 
 if __name__ == "__main__":

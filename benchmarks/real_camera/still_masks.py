@@ -15,7 +15,7 @@ from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import MASKS, TRANSIENT
 from egosplat.pipeline.home import title_of
-from egosplat.pipeline.survey_file import read_survey
+from egosplat.pipeline.validation import read_document
 
 COLUMNS = ("scene", "share that moves", "mean transient probability", "instances masked", "pixels masked")
 
@@ -26,7 +26,7 @@ def row(folder: Path) -> list[object]:
     count = masks.shape("refined")[0]
     share = float(np.mean([masks.row("refined", frame).mean() for frame in range(count)]))
     moving = masks.read("instances/transient")
-    survey = read_survey(survey_of(folder) or folder / "survey.json")["motion"]["share"]
+    survey = read_document(survey_of(folder) or folder / "survey.json", "survey")["motion"]["share"]
     return [
         title_of(folder),
         "cannot tell" if survey is None else f"{survey:.3%}",

@@ -19,14 +19,14 @@ from benchmarks.scores import METHOD, accuracy_difference, iou_difference, pair_
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import INSTANCES
 from egosplat.pipeline.home import title_of
-from egosplat.pipeline.survey_file import read_survey
+from egosplat.pipeline.validation import read_document
 from egosplat_rivals.scored_scenes import FULL, read_scored_scene
 
 
 def row(folder: Path) -> dict[str, object]:
     """A scene's cells by column."""
     own, anyway = (read_scored_scene(folder / below / "metrics.json") for below in ("", "variants/anyway"))
-    survey = read_survey(folder / "survey.json")
+    survey = read_document(folder / "survey.json", "survey")
     facts = open_artifact(folder / "instances.zarr", INSTANCES).facts
     pair = pair_answers(own, anyway)
     took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)

@@ -14,6 +14,7 @@ from egosplat.poses.options import PosesOptions as PosesOptions
 from egosplat.query.answers import Answer as Answer
 from egosplat.query.answers import Thing as Thing
 from egosplat.query.answers import ViewMatch as ViewMatch
+from egosplat.query.catalog import catalog as catalog
 from egosplat.query.finished_scene import Scene as Scene
 from egosplat.query.finished_scene import open_scene as open_scene
 from egosplat.query.options import AskingOptions as AskingOptions

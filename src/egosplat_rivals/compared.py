@@ -23,7 +23,7 @@ def table_pictures(scenes: Iterable[Scene]) -> list[str]:
     return [
         str(scene.results / name)
         for scene in default_scenes(scenes)
-        for name in ("splats.png", "language.png", *(["methods.png"] if compared_methods(scene) else []))
+        for name in ("splats.png", *(["methods.png"] if compared_methods(scene) else []))
     ]
 
 

@@ -221,6 +221,19 @@ def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
     assert color_at(tab, center)[0] > 2 * blue and color_at(tab, beside).max() < 40
 
 
+def test_the_list_of_what_is_here_goes_to_each_thing_and_tells_what_is_carried(scene_in_time):
+    page = scene_in_time().page
+    assert page.inner_text("#inventory summary") == "What is here (3)"
+    page.click("#inventory summary")
+    names = page.locator("#catalog b").all_inner_texts()
+    assert names == ["couch", "cup", "cup"]
+    page.locator("#catalog button").nth(1).click()
+    page.locator("#mark span", has_text=re.compile(r"^cup")).wait_for()
+    assert page.inner_text("#answer") == "cup" and not page.locator("#heat").is_visible()
+    page.locator("#catalog button").nth(2).click()
+    page.locator("#history button", has_text="Carried").first.wait_for()
+
+
 def test_a_click_names_what_is_there(scene):
     page = scene().page
     page.evaluate(SET_VIEW, AHEAD)

@@ -103,7 +103,6 @@ def test_a_method_that_learns_from_tiles_is_scored_without_instances(workdir):
         "metrics",
         "queries_sheet",
         "splats_sheet",
-        "language_sheet",
         "story",
     )
     # Two of five frames are left for training: each has 881 tiles.

@@ -26,7 +26,7 @@ def test_commands_are_listed_by_group_on_one_line_each():
     assert max(map(len, text.splitlines())) <= 80 and "..." not in text[groups[0] :]
 
 
-@pytest.mark.parametrize("command", ["query", "page", "view", "export", "movie"])
+@pytest.mark.parametrize("command", ["query", "catalog", "page", "view", "export", "movie"])
 def test_keys_stand_behind_set(command):
     text = said(command, "--help")
     assert "--min-score" in text and "--set" in text and "temperature" not in text
@@ -37,7 +37,7 @@ def test_keys_stand_behind_set(command):
     [
         ("egosplat exp", "export"),
         ("egosplat export x --for", "--format"),
-        ("egosplat export x --format sp", "spz"),
+        ("egosplat export x --format nerf", "nerfstudio"),
     ],
 )
 def test_bash_completes(words, expected):

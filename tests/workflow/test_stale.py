@@ -17,7 +17,7 @@ from tests.unit.frames.conftest import grey_frames, write_video
 
 POSES = "results/adt/scene1/poses.zarr"
 AFTER_QUERIES = {"metrics", "queries_sheet"}
-AFTER_LANGUAGE = {"language", "language_sheet", "scene_page", *AFTER_QUERIES}
+AFTER_LANGUAGE = {"language", "scene_page", *AFTER_QUERIES}
 AFTER_SPLATS = {"splats", "splats_sheet", "transient_sheet", *AFTER_LANGUAGE}
 AFTER_MASKS = {"masks", *AFTER_SPLATS}
 AFTER_TRANSIENT = {"transient", *AFTER_MASKS}
@@ -92,7 +92,7 @@ PAGES = {
     [
         (PAGES, {"queries_sheet", "splats_sheet", "contact_sheet", "scene_page"}),
         ({"evaluation/scores.py": CODE}, AFTER_QUERIES),
-        ({"query/maps.py": CODE}, {*AFTER_QUERIES, "scene_page", "language_sheet", "transient_sheet"}),
+        ({"query/maps.py": CODE}, {*AFTER_QUERIES, "scene_page", "transient_sheet"}),
         ({"language/lifting.py": CODE}, AFTER_LANGUAGE),
         ({"splats/stage.py": CODE}, AFTER_SPLATS),
         ({"transient/masks_stage.py": CODE}, AFTER_MASKS),

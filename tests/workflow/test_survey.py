@@ -8,7 +8,7 @@ import pytest
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, SEGMENTS, SPLATS
-from egosplat.pipeline.survey_file import read_survey
+from egosplat.pipeline.validation import read_document
 
 SCENE = "results/adt/scene1"
 SURVEY, METRICS, TRANSIENT = f"{SCENE}/survey.json", f"{SCENE}/metrics.json", f"{SCENE}/transient.png"
@@ -62,7 +62,7 @@ def test_before_a_survey_that_chooses_frames_a_plan_shows_all_that_may_follow(wo
 
 
 def test_an_unchanged_survey_decision_reruns_nothing(surveyed):
-    assert read_survey(surveyed.folder / SURVEY)["motion"]["masking"] == "refined"
+    assert read_document(surveyed.folder / SURVEY, "survey")["motion"]["masking"] == "refined"
     assert surveyed.stale(METRICS, TRANSIENT, config=AUTO) == set()
 
 
@@ -114,7 +114,7 @@ def test_a_survey_that_decides_the_same_again_reruns_nothing_else(work):
 @pytest.mark.slow
 def test_redundant_frames_are_left_out_of_training(work):
     made(work, LEAVING_OUT, SURVEY)
-    views = read_survey(work.folder / SURVEY)["views"]
+    views = read_document(work.folder / SURVEY, "survey")["views"]
     assert views["left_out"]
     planned = work.stale(METRICS, config=LEAVING_OUT)
     assert planned == {"segments", "instances", "view_features", "features", "transient", "masks", *SPLATS_ON}
@@ -130,7 +130,7 @@ def test_a_static_scene_trains_gaussians_on_all_frames(work):
     for change_deg, rules in ((90, {"splats"}), (20, set())):
         config = STATIC_LEAVING_OUT % change_deg
         assert made(work, config, SURVEY) == {"survey"}
-        left_out.append(read_survey(work.folder / SURVEY)["views"]["left_out"])
+        left_out.append(read_document(work.folder / SURVEY, "survey")["views"]["left_out"])
         assert made(work, config, splats) == rules
     assert left_out[0] and left_out[0] != left_out[1]
     used = open_artifact(work.folder / splats, SPLATS).facts["views"]["training"]
@@ -161,6 +161,6 @@ def test_a_variant_whose_keys_reach_the_survey_has_its_own(work):
     variant = AUTO + "variants: {calm: {survey: {min_moving_share: 1.0}}}\n"
     own = f"{SCENE}/variants/calm"
     assert made(work, variant, f"{own}/survey.json") == {"survey"}
-    assert read_survey(work.folder / own / "survey.json")["motion"]["masking"] == "none"
+    assert read_document(work.folder / own / "survey.json", "survey")["motion"]["masking"] == "none"
     assert work.stale(f"{own}/metrics.json", config=variant) == SPLATS_ON
     assert work.stale(METRICS, config=variant) == set()

@@ -3,8 +3,7 @@ Figures of a scene, and the scene as one page that answers queries.
 
 REQUIRED INPUTS: frames.zarr, annotations.zarr, poses.zarr, segments.zarr, view_features.zarr, features.zarr,
 tiles.zarr, transient.zarr, masks.zarr, splats.zarr, language.zarr, histories.zarr, metrics.json.
-OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, carries.png, language.png, queries.png,
-scene.html, story.html.
+OUTPUTS: contact_sheet.png, instances.png, crops.png, splats.png, transient.png, carries.png, queries.png, scene.html, story.html.
 """
 
 # Stages that draw a sheet of a scene, with its label in Snakemake's report.
@@ -15,7 +14,6 @@ SHEETS = {
     "splats_sheet": "renders",
     "transient_sheet": "what moves",
     "carries_sheet": "what is carried",
-    "language_sheet": "language",
     "queries_sheet": "queries",
 }
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from egosplat.artifacts.integrity import rebuild_command
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
-from egosplat.pipeline.survey_file import frames_of_gaussians, read_survey
+from egosplat.pipeline.survey_file import frames_of_gaussians
+from egosplat.pipeline.validation import read_document
 
 
 def check_made_from(made: Artifact, *sources: Artifact, axes: Sequence[str] = ()) -> None:
@@ -52,7 +53,7 @@ def kept_frames(
     kept = np.zeros(frames.shape("rgb")[0], bool)
     if survey_path is None:
         return ~kept, {}
-    survey = read_survey(survey_path)
+    survey = read_document(survey_path, "survey")
     check_inputs(survey_path, survey["provenance"]["inputs"], [frames])
     views = survey["views"]["kept"], survey["views"]["digest"]
     if (chosen := views if masking is None else frames_of_gaussians(survey, masking)) is None:

@@ -1,4 +1,4 @@
-"""Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``page``, ``view``, ``export`` and ``movie``."""
+"""Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``catalog``, ``page``, ``view``, ``export`` and ``movie``."""
 
 import shlex
 from collections.abc import Callable, Iterable, Sequence
@@ -130,6 +130,17 @@ def page(
     write_page(folder, target, options, title)
 
 
+@on_folder(AskingOptions, "query", "List what is in a finished scene.")
+@writes("Output table, .csv or .json, or folder of a .ply file of each thing. [default: none]")
+def catalog(folder: Path, output: Path | None, overwrite: bool, options: AskingOptions) -> None:
+    """List the things in the finished scene of FOLDER, each once, with place and size."""
+    with without_collection():
+        from egosplat.export.catalog import run
+
+    for paragraph in run(folder, options, output, overwrite):
+        click.echo(paragraph)
+
+
 # The keys of the page but those of OpenCLIP, which the scene tells.
 @on_folder(PageOptions, "scene_page", "Look at a finished scene in the browser, and ask it.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
@@ -145,11 +156,11 @@ def view(folder: Path, host: str, port: int, options: PageOptions) -> None:
 @click.option(
     "--format",
     type=click.Choice(list(FORMATS)),
-    help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, colmap), the scene "
-    "page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output, else ply]",
+    help="Gaussians (ply), images with cameras (nerfstudio, colmap), the scene page (html), or all of these over time for "
+    "Rerun (rrd). [default: by the suffix of --output, else ply]",
 )
 @click.option(
-    "--query", metavar="WORDS", help="The best answer's Gaussians (ply, spz), or boxes of answers (rrd)."
+    "--query", metavar="WORDS", help="The best answer's Gaussians (ply), or boxes of answers (rrd)."
 )
 @writes("Output file or folder. [default: a name in FOLDER]")
 @click.option("--codes/--no-codes", default=True, show_default=True, help="Include the language codes; ply.")
@@ -248,4 +259,4 @@ def run(
         show_scene(folder, PageOptions(), "127.0.0.1", 0, browse=True)
 
 
-COMMANDS = (run, query, name, view, page, export, movie)
+COMMANDS = (run, query, catalog, name, view, page, export, movie)

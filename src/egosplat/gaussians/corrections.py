@@ -18,7 +18,7 @@ from egosplat.gaussians.initialization import seen_depths
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Views
 from egosplat.pipeline.shared_options import CameraOptions
-from egosplat.pipeline.survey_file import read_survey
+from egosplat.pipeline.validation import read_document
 
 # Columns of a correction: translation [m], rotation vector [rad], natural logarithm of the gain of R, G and B.
 POSE, LOG_GAIN, COLUMNS = slice(0, 6), slice(6, 9), 9
@@ -43,7 +43,7 @@ Options = TypeVar("Options", bound=CameraOptions)
 def resolve_camera(options: Options, survey_path: Path | None) -> Options:
     """Replace ``auto`` by the survey's decision, or ``off`` without one; the workflow gives no ``auto``. UserError as its reader."""
     keys = [key for key in CameraOptions.model_fields if getattr(options, key) == "auto"]
-    decisions = read_survey(survey_path)["camera"] if keys and survey_path is not None else {}
+    decisions = read_document(survey_path, "survey")["camera"] if keys and survey_path is not None else {}
     return options.change(**{name: "on" if decisions.get(name) else "off" for name in keys})
 
 

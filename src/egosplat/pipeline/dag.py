@@ -174,4 +174,4 @@ def _pages_of_codes(config: Config) -> list[str]:
     is_tracked = tracks_what_moves(config) and config["segments"]["track_moving"] != AUTO
     carried = ["carries_sheet"] if pages and is_tracked else []
     moving = ["transient_sheet"] if config["splats"]["masking"] == "refined" else []
-    return [*pages, *moving, *carried, "splats_sheet", "language_sheet"]
+    return [*pages, *moving, *carried, "splats_sheet"]

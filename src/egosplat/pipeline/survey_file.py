@@ -1,19 +1,11 @@
-"""Read ``survey.json``, the decisions that other stages follow."""
+"""``survey.json``: the decisions that other stages follow."""
 
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from typing import Any
 
-from egosplat.pipeline.validation import read_document
-
 Survey = Mapping[str, Any]
-
-
-def read_survey(path: Path) -> Survey:
-    """Read a survey; raises as ``read_document``."""
-    return read_document(path, "survey")
 
 
 def frames_of_gaussians(survey: Survey, masking: str) -> tuple[list[int], str] | None:

@@ -110,6 +110,7 @@ class Answer:
         moving: when it is seen moving, where nothing is found in 3D.
         history: when what the query means was carried, and from where to where, in the order of time.
         question: how a text was read, if it was one of ``Scene.ask``.
+        also: other names of the thing, in a catalog.
         view: what matches in the view that was asked; None if refused, if the view shows nothing, or without a view.
     """
 
@@ -123,6 +124,7 @@ class Answer:
     candidates: tuple[Thing, ...] = ()
     moving: Moving | None = None
     history: tuple[Carried, ...] = ()
+    also: tuple[str, ...] = ()
     view: ViewMatch | None = None
     question: Question | None = None
 

@@ -60,16 +60,16 @@ def run(
     sentences: list[str] = []
     answers = scene.reply(questions, most, viewpoint)
     for answer in track(answers, "queries", unit="answer", total=len(questions)):
-        rows += _rows(answer, grading)
+        rows += answer_rows(answer, grading)
         sentences += _sentence(answer, scene.unit, output)
         count, refused = count + 1, refused + (answer.grade == NOT_ASKED)
         # Answers in a view hold maps of its size: those that are drawn are kept.
         if answer.grade != NOT_ASKED and (viewpoint is None or len(kept) < MOST_DRAWN):
             kept.append(answer)
-    yield f"{title}\n{_table(rows)}"
+    yield f"{title}\n{align_rows(rows)}"
     if sentences:
         yield "\n".join(["", *sentences])
-    if carried := _carried_table(kept, scene.unit, at if viewpoint is None else None):
+    if carried := carried_table(kept, scene.unit, at if viewpoint is None else None):
         yield f"\n{carried}"
     if viewpoint is None:
         drawn = [_render_thing(scene, answer) for answer in kept[:MOST_DRAWN]]
@@ -96,7 +96,7 @@ def _viewpoint_at(scene: Scene, viewpoint: Viewpoint | None, at: float) -> Viewp
     return viewpoint and replace(viewpoint, name=f"{viewpoint.name} at {clock(at)}", second=at)
 
 
-def _table(rows: Sequence[Sequence[str]]) -> str:
+def align_rows(rows: Sequence[Sequence[str]]) -> str:
     """Align the columns that the first row names; the last cell of a shorter row is a sentence that does not widen its column."""
     count = len(rows[0])
     cells = [row if len(row) == count else row[:-1] for row in rows]
@@ -105,7 +105,7 @@ def _table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(lines)
 
 
-def _rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
+def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     """The rows of an answer; of one that is refused the last cell says why, with the number that it was graded by, if that means anything."""
     view, shown = answer.view, grading.shown(answer.rating)
     if answer.question and answer.grade == NOT_ASKED:
@@ -130,7 +130,7 @@ def _rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     return rows or [(answer.asked, NOTHING)]
 
 
-def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
+def carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
     """When what was asked for was carried, or where it was at a time; empty if nothing is known and no time is asked of."""
     answers = [answer for answer in answers if answer.history]
     if not answers:
@@ -140,13 +140,13 @@ def _carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> st
         for answer in answers:
             place = answer.at(at)
             rows.append((answer.phrase, _numbers(place and place.position), place.told if place else _ABSENT))
-        return _table(rows)
+        return align_rows(rows)
     rows = [("carried thing", "carried [min:s]", f"from [{unit}]", f"to [{unit}]", "frame")]
     for answer in answers:
         for number, one in enumerate(answer.history):
             ends = _numbers(one.start), _numbers(one.end)
             rows.append((answer.phrase if number == 0 else "", one.told, *ends, str(one.frame)))
-    return _table(rows)
+    return align_rows(rows)
 
 
 def _sentence(answer: Answer, unit: str, output: Path) -> list[str]:

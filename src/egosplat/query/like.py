@@ -20,7 +20,7 @@ from egosplat.geometry import Array
 from egosplat.histories.told import clock
 from egosplat.images import resize_image
 from egosplat.models.clip import OpenClip
-from egosplat.query.command import _numbers, _table
+from egosplat.query.command import _numbers, align_rows
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
 from egosplat.query.text import clean_phrase
@@ -224,7 +224,7 @@ def run(
             drawn.append((shown.get(asked), scene, things[:most]))
             if things and things[0].similarity > best.get(asked, (0.0, ""))[0]:
                 best[asked] = things[0].similarity, f"{scene.folder}, last seen at {clock(things[0].last_s)}"
-        yield f"{scene.folder}, the whole scene, origin {scene.origin}\n{_table(rows)}\n"
+        yield f"{scene.folder}, the whole scene, origin {scene.origin}\n{align_rows(rows)}\n"
     if scenes[1:]:
         yield "\n".join(f"{asked}: most alike in {where}" for asked, (_, where) in best.items())
     with atomic_file(output) as file:

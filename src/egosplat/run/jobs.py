@@ -16,7 +16,8 @@ from egosplat.pipeline import dag
 from egosplat.pipeline.config import Config, stage_sections
 from egosplat.pipeline.scenes import Scene, check_recording
 from egosplat.pipeline.stages import STAGES, code_of
-from egosplat.pipeline.survey_file import Survey, read_survey
+from egosplat.pipeline.survey_file import Survey
+from egosplat.pipeline.validation import read_document
 from egosplat.pipeline.variants import artifact_path, chosen_value, method_of, preset_of, scene_config
 
 
@@ -59,7 +60,7 @@ class Job:
 
 @functools.cache
 def _survey_at(path: str, _written_ns: int) -> Survey:
-    return read_survey(Path(path))
+    return read_document(Path(path), "survey")
 
 
 @functools.cache

@@ -9,6 +9,7 @@ import torch
 from egosplat.models.clip import OpenClip
 from egosplat.models.without_compiler import without_compiler
 from egosplat.query.answers import Answer
+from egosplat.query.catalog import catalog
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import NOT_ASKED
 from egosplat.query.reading import PATTERNS
@@ -43,6 +44,9 @@ def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
         "taught": sorted(clip.words) if isinstance(clip.words, frozenset) else None,
         "tower": tower,
         "reading": PATTERNS | {"plurals": WORDS["plurals"]},
+        "catalog": [
+            answer_facts(one, scene.levels) | {"name": one.phrase, "also": one.also} for one in catalog(scene)
+        ],
     }
 
 

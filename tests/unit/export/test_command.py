@@ -6,9 +6,7 @@ import sys
 import numpy as np
 import pycolmap
 import pytest
-import trimesh
 from gsply import plyread
-from gsply.spz import read_spz
 from PIL import Image
 
 from egosplat.artifacts.reader import open_artifact
@@ -42,9 +40,6 @@ def test_the_answer_to_a_query(export, tmp_path):
         assert status == 0, said
         means = plyread(tmp_path / f"{word}.ply").means
         assert 50 < len(means) < 500 and np.median(means[:, 0]) * side > 0.3
-    status, said = export("--query", "cup", "--format", "spz", "--output", tmp_path / "cup.spz")
-    assert status == 0, said
-    assert len(read_spz(tmp_path / "cup.spz").means) == len(means)
 
 
 def rows_of(path) -> dict[str, list[dict]]:
@@ -77,7 +72,7 @@ def test_rerun_reads_its_recording(page_scene, export, tmp_path):
     [
         (("--output", "x.rrd"), 'pip install "egosplat[rerun]"'),
         (("--query", "elephant", "--output", "x.ply"), "elephant"),
-        (("--query", "cup", "--format", "colmap", "--output", "x"), "--format ply, spz or rrd"),
+        (("--query", "cup", "--format", "colmap", "--output", "x"), "--format ply or rrd"),
     ],
 )
 def test_what_cannot_be_exported_gets_a_reason_and_no_file(export, tmp_path, monkeypatch, words, said):
@@ -85,16 +80,6 @@ def test_what_cannot_be_exported_gets_a_reason_and_no_file(export, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     status, told = export(*words)
     assert status and said in told and "Traceback" not in told and not list(tmp_path.iterdir())
-
-
-def test_instances_as_a_point_cloud(export, tmp_path):
-    status, said = export("--format", "instances", "--output", tmp_path / "x.ply")
-    assert status == 0, said
-    cloud = trimesh.load(tmp_path / "x.ply")
-    owner = cloud.metadata["_ply_raw"]["vertex"]["data"]["instance_whole"].ravel()
-    assert len(owner) == 700 and owner.max() > 0
-    for one in np.unique(owner):
-        assert len(np.unique(cloud.colors[owner == one], axis=0)) == 1, "an instance has one color"
 
 
 def test_nerfstudio_cameras(page_scene, export, tmp_path):
@@ -151,7 +136,7 @@ def test_what_readers_of_gaussians_check(export, tmp_path, codes):
     assert lines[3] == ["element", "vertex", str(len(values))] and np.isfinite(values).all()
 
 
-@pytest.mark.parametrize("format", ["ply", "spz", "instances", "nerfstudio", "colmap", "html", None])
+@pytest.mark.parametrize("format", ["ply", "nerfstudio", "colmap", "html", None])
 def test_without_artifacts_one_line_says_what_is_missing(tmp_path, monkeypatch, capfd, format):
     words = ("page", tmp_path) if format is None else ("export", tmp_path, "--format", format)
     status, _, said = run_command(monkeypatch, capfd, *words)

@@ -235,7 +235,7 @@ def test_corrections_are_interpolated_only_where_they_change_slowly(start, pictu
 @pytest.mark.parametrize("found, expected", [(None, "off"), (False, "off"), (True, "on")])
 def test_auto_follows_the_survey_that_is_given(monkeypatch, tmp_path, found, expected):
     document = {"camera": {"refine_poses": found, "compensate_exposure": not found}}
-    monkeypatch.setattr("egosplat.gaussians.corrections.read_survey", lambda path: document)
+    monkeypatch.setattr("egosplat.gaussians.corrections.read_document", lambda path, _: document)
     options = CameraOptions(refine_poses="auto", compensate_exposure="off")
     done = resolve_camera(options, None if found is None else tmp_path / "survey.json")
     assert done == CameraOptions(refine_poses=expected, compensate_exposure="off")

@@ -10,11 +10,10 @@ from click.testing import CliRunner
 
 from benchmarks.common import ROOT
 from benchmarks.gpu import __main__ as benchmark
-from benchmarks.gpu import agreement, main_job, paper_memory, training
+from benchmarks.gpu import agreement, main_job, training
 from egosplat.errors import UserError
 from egosplat.rasterize.api import rasterization
 from egosplat.splats import stage as splats
-from tests.support.blobs import blobs
 from tests.support.pretended_gpu import DEVICE
 from tests.support.warm import run_snakemake
 
@@ -99,14 +98,6 @@ def test_the_main_job_is_asked_for_at_both_sizes_and_on_the_cpu(tmp_path):
     }
 
 
-def test_training_starts_from_so_many_copies():
-    few = blobs([[0, 0, 2], [5, 0, 2]], [0.9, 0.9], size=0.1)
-    many = paper_memory.copies(few, 800)
-    assert many.count == 800 and bool(many.finite().all())
-    assert float(many.means[::2].norm(dim=1).sub(2).abs().max()) < 1.0
-    torch.testing.assert_close(many.scales.square().sum(0), few.scales.square().sum(0), rtol=1e-3, atol=0)
-
-
 def test_the_tables_of_the_main_job_have_every_stage(finished, monkeypatch):
     (name, changed), *_ = main_job.RUNS.items()
     monkeypatch.setattr(main_job, "RUNS", {name: changed})
@@ -125,27 +116,6 @@ def test_a_failed_job_ends_the_benchmark(tmp_path, monkeypatch):
     monkeypatch.setattr(main_job, "RECORDED", {"synthetic": {"size": "large"}})
     with pytest.raises(UserError, match="main job failed"):
         main_job.run(tmp_path)
-
-
-def test_memory_is_measured_by_number_of_gaussians(scene, gpu, monkeypatch):
-    """Both stages start with as many copies as are asked for; the law is a line through the first and the last."""
-    for module, _ in paper_memory.STAGES.values():
-        monkeypatch.setattr(module, "training_device", lambda backend: DEVICE)
-    for name in ("empty_cache", "reset_peak_memory_stats"):
-        monkeypatch.setattr(torch.cuda, name, lambda: None)
-    # 1,000 bytes for each Gaussian of the stage that is measured, and 2 MiB.
-    counts = iter([100, 200] * 2)
-    monkeypatch.setattr(torch.cuda, "max_memory_allocated", lambda: 1000 * next(counts) + 2 * 2**20)
-    monkeypatch.setattr(torch.cuda, "max_memory_reserved", lambda: 0)
-    monkeypatch.setattr(paper_memory, "COUNTS", (100, 200))
-    monkeypatch.setattr(paper_memory, "ITERATIONS", 2)
-    off = {"refine_poses": "off", "compensate_exposure": "off"}
-    small = {"transient": {"resolution": 32, "input_size": 64}, "splats": {"masking": "none"}, "camera": off}
-    monkeypatch.setattr(paper_memory, "SHORT", small)
-    folder = scene()
-    page = paper_memory.training(folder, folder)
-    for stage in paper_memory.STAGES:
-        assert f"`{stage}`: 1.00 kB a Gaussian and 2 MiB" in page
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")

@@ -18,7 +18,7 @@ def scene(page_scene, tmp_path_factory):
     folder = tmp_path_factory.mktemp("story") / "scene1"
     shutil.copytree(page_scene, folder)
     put_histories(folder)
-    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(folder / "language.png")
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(folder / "splats.png")
     (folder / "scene.html").write_text('<!doctype html><p title="a">3 < 4</p>')
     return sorted(folder.iterdir())
 

@@ -102,7 +102,7 @@ def test_the_survey_decides_what_splats_read(scenes, monkeypatch):
 
 def test_a_survey_is_waited_for_and_read_again_when_it_changes(scenes, monkeypatch):
     waited: list[str] = []
-    monkeypatch.setattr(jobs, "read_survey", lambda path: path.read_text())
+    monkeypatch.setattr(jobs, "read_document", lambda path, _: path.read_text())
     job = Job(scenes["mine", "here"], "v", wait=lambda scene, folder: waited.append(scene.name + folder))
     path = Path("results/mine/here/survey.json")
     path.parent.mkdir(parents=True)

@@ -10,7 +10,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES
 from egosplat.errors import UserError
 from egosplat.pipeline.config import defaults, stage_values
-from egosplat.pipeline.survey_file import read_survey
+from egosplat.pipeline.validation import read_document
 from egosplat.survey import stage
 from tests.support.scenes import digests
 from tests.unit.survey.conftest import CAMERA
@@ -22,7 +22,7 @@ OPTIONS = stage.SurveyOptions(**KEYS)
 def surveyed(folder, **keys):
     options = stage.SurveyOptions(**KEYS | keys)
     stage.run(folder / "frames.zarr", folder / "poses.zarr", folder / "survey.json", options)
-    return read_survey(folder / "survey.json")
+    return read_document(folder / "survey.json", "survey")
 
 
 def test_a_static_scene_needs_no_masks(scene, trajectory, still):
@@ -96,10 +96,10 @@ def test_a_damaged_survey_is_named(scene, trajectory, still, survey_that_keeps, 
     if content is None:
         path.unlink()
     else:
-        changed = content if isinstance(content, str) else json.dumps(read_survey(path) | content)
+        changed = content if isinstance(content, str) else json.dumps(read_document(path, "survey") | content)
         path.write_text(changed)
     with pytest.raises(UserError, match=message):
-        read_survey(path)
+        read_document(path, "survey")
 
 
 def test_motion_is_measured_at_low_resolution(scene, trajectory, still):

@@ -28,12 +28,8 @@ POINTS = 60_000
 def sheet(*warned: str, fontsize: int = 12) -> Callable[[Draw], Callable[..., None]]:
     """Make the function of a stage from one that draws its artifacts, which are named as they are.
 
-    The made function takes the artifacts' paths as ``NAME_path``, ``output`` and ``title``. It writes a PNG, whole or not at all,
-    and raises UserError if an artifact is missing or damaged, or was made from another one than given.
-
-    Args:
-        warned: names of the artifacts whose notices and alarms are in the heading.
-        fontsize: of the heading [points].
+    The made function takes their paths as ``NAME_path``, ``output`` and ``title``. It writes a PNG, whole or not at all, with
+    notices and alarms of those ``warned`` in a heading of ``fontsize`` [points] (UserError: one is damaged, or made from another one).
     """
 
     def decorate(draw: Draw) -> Callable[..., None]:

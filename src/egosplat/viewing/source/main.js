@@ -44,6 +44,8 @@ class Page {
     const { facts } = this.scene;
     $("title").textContent = `${facts.title} (${facts.origin})`;
     for (const word of facts.words) $("vocabulary").append(element("option", "", { value: word }));
+    $("catalog").append(...facts.catalog.map((thing) => this.catalogItem(thing)));
+    $("inventory").querySelector("summary").textContent = `What is here (${facts.catalog.length})`;
     facts.levels.forEach((name, level) => $("level").append(element("option", LEVELS[name] ?? name, { value: String(level) })));
     $("level").value = String(this.showing.level);
     $("answer").title = facts.query.notice;
@@ -311,6 +313,15 @@ class Page {
     button.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
     button.onclick = () => this.jump(thing, phrase);
     const item = element("li", "");
+    item.append(button);
+    return item;
+  }
+
+  // A thing of the list of all: a click goes there, or tells when it moved.
+  catalogItem({ name, also, things: [thing], grade, why }) {
+    const item = thing ? this.thingItem(thing, name) : element("li", ""), button = thing ? item.firstChild : element("button", why ?? grade, { type: "button" });
+    button.prepend(element("b", name), element("small", also.length ? `or ${also.join(", ")}` : ""));
+    button.onclick = () => (thing ? (this.clear(), (this.told = name), this.jump(thing, name)) : this.ask(name));
     item.append(button);
     return item;
   }

@@ -1,0 +1,76 @@
+"""What is in a scene: each thing once, under its best name, in the terminal and in files."""
+
+import json
+import shutil
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+
+import egosplat
+from egosplat.query.answers import Answer, Thing
+from egosplat.query.catalog import merge
+from tests.support.commands import run_command
+from tests.support.page_scene import PUT_DOWN, put_histories
+
+
+def claim(name: str, first: int, end: int, rating: float) -> Answer:
+    members = np.arange(first, end)
+    grade = "found" if rating > 0.6 else "best guess"
+    thing = Thing(rating, "whole", np.zeros(3), np.ones(3), 0, members)
+    return Answer(name, grade, rating, things=(thing,))
+
+
+@pytest.mark.parametrize(
+    "claims, told",
+    [
+        (
+            [("table", 0, 90, 0.9), ("coffee table", 0, 80, 0.7), ("rug", 0, 70, 0.8)],
+            ["coffee table/table/rug"],
+        ),
+        ([("table", 0, 90, 0.9), ("coffee table", 0, 80, 0.5)], ["table/coffee table"]),
+        ([("couch", 0, 90, 0.7), ("cushion", 0, 20, 0.9)], ["couch"]),
+        ([("couch", 0, 90, 0.9), ("cushion", 0, 20, 0.7)], ["couch"]),
+        ([("wall", 0, 90, 0.9), ("painting", 0, 20, 0.7), ("wall", 30, 40, 0.6)], ["wall", "painting"]),
+        ([("fridge", 100, 120, 0.9), ("fridge", 130, 140, 0.7), ("book", 200, 220, 0.5)], ["fridge", "book"]),
+    ],
+)
+def test_a_thing_is_told_once_under_its_best_name(claims, told):
+    """Gaussians from 100 to 199 are one instance."""
+    surface = SimpleNamespace(visible=len, instance_of=lambda rows: 7 if 100 <= rows[0] < 200 else -1)
+    items = merge(surface, [claim(*one) for one in claims])
+    assert ["/".join([one.phrase, *one.also]) for one in items] == told
+
+
+def test_the_table_and_its_files_tell_of_each_thing(page_scene, tmp_path, monkeypatch, capfd):
+    folder = tmp_path / "results/scene1"
+    put_histories(shutil.copytree(page_scene, folder))
+    couch, cup, carried = egosplat.catalog(egosplat.open_scene(folder, device="cpu"))
+    assert [one.phrase for one in (couch, cup, carried)] == ["couch", "cup", "cup"]
+    assert couch.grade == "found" and couch.things[0].center[0] < -0.3 and cup.things[0].center[0] > 0.3
+    assert not carried.things and carried.history[0].end.tolist() == [*PUT_DOWN]
+
+    def call(*words: object) -> tuple[int, str, str]:
+        return run_command(monkeypatch, capfd, "catalog", folder, *words)
+
+    status, table, _ = call("--output", tmp_path / "x.csv")
+    told = [line.split("  ")[0] for line in table.splitlines()[2:5]]
+    rows = pd.read_csv(tmp_path / "x.csv")
+    assert (
+        status == 0
+        and [*rows.name] == ["couch", "cup", "cup"]
+        and told[0].startswith(f"couch or {couch.also[0]} or ")
+    )
+    centers = [answer.things[0].center for answer in (couch, cup)]
+    np.testing.assert_allclose(rows[["x", "y", "z"]].to_numpy()[:2], centers, atol=1e-4)
+    assert rows.carried[2] == carried.history[0].told and rows.size_x.isna().tolist() == [False, False, True]
+    assert call("--output", tmp_path / "x.json")[0] == call("--output", tmp_path / "x")[0] == 0
+    names = [one["name"] for one in json.loads((tmp_path / "x.json").read_text())]
+    assert names == [*rows.name] and (tmp_path / "x/things.csv").is_file()
+    clouds = {path.name: len(trimesh.load(path).vertices) for path in (tmp_path / "x").glob("*.ply")}
+    assert [*clouds.values()] == [len(answer.things[0].members) for answer in (couch, cup)]
+    for name in ("x.txt", "x.csv", "x"):
+        status, _, said = call("--output", tmp_path / name)
+        assert status == 2 and f"{tmp_path / name}: " in said and "--output" in said and said.count("\n") == 1
