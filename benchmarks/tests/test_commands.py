@@ -10,7 +10,6 @@ from benchmarks.common import ROOT
 # Commands beside the topics' own.
 MORE = (
     "growth.masks",
-    "instances.broken_tracks",
     "instances.growth",
     "real_camera.still_masks",
 )

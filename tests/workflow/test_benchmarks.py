@@ -129,13 +129,6 @@ def test_instances(scene):
     assert 0 < count[1] < count[2]
 
 
-def test_broken_tracks(scene):
-    rows = by_column(run("instances.broken_tracks", scene, "--iterations", 20))
-    assert [row["tracks"] for row in rows[:2]] == ["true", "true, merged in 3D"]
-    assert rows[0]["IoU over time"] == "1.000"
-    assert float(rows[1]["IoU over time"]) > 0
-
-
 @pytest.mark.parametrize("way", language.WAYS)
 def test_language(scene, way):
     found = json.loads(run("language.__main__", scene, "--iterations", 2, "--way", way))
