@@ -12,10 +12,7 @@ from egosplat.errors import UserError
 
 @dataclass(frozen=True)
 class Compute:
-    """Device of a model's weights, and number type of its matrix products and convolutions: float32 or bfloat16.
-
-    Weights and sensitive operations (norms, positions) stay in float32.
-    """
+    """Device of a model's weights, and number type of its products, float32 or bfloat16; norms and positions stay in float32."""
 
     device: torch.device
     dtype: torch.dtype

@@ -38,7 +38,7 @@ THREADS = "OMP_NUM_THREADS"
 """PyTorch reads it when it is imported, so a call with another value than one starts a process of its own."""
 
 SET_BY_THE_COMMAND = {"OMP_WAIT_POLICY": "passive", "HF_HUB_DISABLE_TELEMETRY": "1"}
-"""As in ``egosplat.cli.main``, for libraries that read them when they are imported."""
+"""As in ``egosplat`` and ``egosplat.cli.main``, for libraries that read them when they are imported."""
 
 STAGES, JOBS, STEPS = "BASH_FUNC_egosplat%%", "EGOSPLAT_TESTS_JOBS", "EGOSPLAT_TESTS_STEPS"
 """Variables: bash calls the function of a program's name before the program; commands for Python on a cluster (``on_cluster``)."""

@@ -14,15 +14,12 @@ MODELS |= dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), "x")
 
 
 def imported_lines(code: str) -> list[str]:
-    """What a program prints that imports modules, and these at its end."""
     words = [sys.executable, "-c", f"import sys\n{code}\nprint(*sys.modules)"]
     environment = os.environ | {"PYTHONPATH": str(SOURCES)}
-    done = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
-    return done.stdout.splitlines()
+    return subprocess.check_output(words, env=environment, text=True).splitlines()
 
 
 def imported_by(code: str) -> set[str]:
-    """The modules that a program imports."""
     return set(" ".join(imported_lines(code)).split())
 
 
@@ -42,9 +39,13 @@ QUICK = {
 
 @pytest.mark.parametrize("program", QUICK)
 def test_a_quick_start_imports_nothing_heavy(program):
-    """Snakemake imports the pipeline for every job, and help is shown at once."""
     code, heavy = QUICK[program]
     assert not {*heavy.split(), "open_clip", "matplotlib"} & imported_by(code)
+
+
+def test_threads_of_torch_that_wait_do_not_spin():
+    code = "import os; os.environ.pop('OMP_WAIT_POLICY', None); import egosplat; print(os.environ['OMP_WAIT_POLICY'])"
+    assert imported_lines(code)[0] == "passive"
 
 
 WITH_THE_COMPILER = """

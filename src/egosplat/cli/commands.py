@@ -186,9 +186,6 @@ def main() -> None:
 
 def run_commands(group: click.Group) -> None:
     """Run a command line. A user's mistake gives one or two lines without a traceback and exit status 2."""
-    # torch reads it on import. Waiting threads that spin take cores from working ones: on two shared cores training was
-    # 3 to 7 times slower.
-    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     # huggingface_hub reads it on import. A download asks for its file and for nothing else.
     os.environ.setdefault("HF_HUB_DISABLE_TELEMETRY", "1")
     _open_closed_streams()
