@@ -42,7 +42,7 @@ def export_scan(scan: Path, pictures: int = 5, lost: int = 3) -> Path:
 
 def write_labels(path: Path, points: np.ndarray, labels: np.ndarray) -> Path:
     columns = {axis: points[:, place] for place, axis in enumerate("xyz")}
-    write_ply(path, columns | {"label": labels.astype(np.int32)}, "synthetic")
+    write_ply(path, columns | {"label": labels.astype(np.uint8)}, "synthetic")
     return path
 
 

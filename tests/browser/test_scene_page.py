@@ -387,7 +387,7 @@ def test_a_thinned_scene_without_a_text_tower_says_so(tmp_path, scene, monkeypat
     monkeypatch.setattr("egosplat.viewing.words.MOST_NUMBERS", 1000)
     tab = scene(PHONE, page=write_page(tmp_path, max_gaussians=400))
     page = tab.page
-    page.click("summary")
+    page.click("#about summary")
     about = page.inner_text("#about")
     assert "400 of 700" in about and "only the" in about and "real" in about
     assert "trained on synthetic apartments only" in page.inner_text("#warnings")
