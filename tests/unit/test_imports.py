@@ -116,7 +116,6 @@ def test_what_takes_long_is_imported_where_it_is_used(imported_after_torch, prog
 
 
 def test_reading_frames_never_imports_annotation_code():
-    """A change of annotation code makes no frames stale."""
     modules = imported_by(
         "import egosplat.frames.stage\n"
         "from egosplat.pipeline.stages import STAGES, load_module\n"
