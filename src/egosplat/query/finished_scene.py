@@ -297,13 +297,13 @@ class Scene:
         coded = bool(things) or bool((self.trained.share > 0).any())
         answer = grades.judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded)
         answer = replace(answer, history=self._history(query, options))
-        if answer.grade != grades.NOT_FOUND or answer.untaught or self.tracks is None:
+        if answer.grade == grades.FOUND or answer.untaught or self.tracks is None:
             return answer
         moving = self.tracks.find(query, self._words, self.seconds, grading, options)
         if moving is None:
             return answer
         refusal = f"seen moving {moving.told}, with no place in 3D"
-        return replace(answer, grade=grades.MOVING, refusal=refusal, moving=moving)
+        return replace(answer, grade=grades.MOVING, refusal=refusal, things=(), moving=moving)
 
     def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
         if (known := self.histories) is None or untaught_words(self.clip, query.phrases[0]):

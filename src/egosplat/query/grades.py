@@ -86,7 +86,7 @@ class Grading:
         """A line on what the grades mean."""
         if (fit := self.calibration) is not None:
             share = f"where {fit.present_share:.0%} of the words asked are here (query.present_share)"
-            return f"probabilities {share}: found is right in 2 of 3 cases or more, a best guess in 1 of 4 or more"
+            return f"{share}, found is right in at least 2 of 3 cases, a best guess in 1 of 4"
         return (
             f"not calibrated: an answer is found from a score of {self._limit}, and there are no best guesses"
         )

@@ -38,7 +38,6 @@ def claim(name: str, first: int, end: int, rating: float) -> Answer:
     ],
 )
 def test_a_thing_is_told_once_under_its_best_name(claims, told):
-    """Gaussians from 100 to 199 are one instance."""
     surface = SimpleNamespace(visible=len, instance_of=lambda rows: 7 if 100 <= rows[0] < 200 else -1)
     items = merge(surface, [claim(*one) for one in claims])
     assert ["/".join([one.phrase, *one.also]) for one in items] == told
