@@ -61,7 +61,7 @@ def shares_table(asked: pd.DataFrame, p: pd.Series) -> str:
         shifted, weight = at_share(p, asked, share)
         for name, own in (("the fit's", p), ("the reader's", shifted)):
             told = [own >= least for least in (LEAST_FOUND, LEAST_GUESS)]
-            right = [np.average(asked["true"][one], weights=weight[one]) for one in told]
+            right = [(asked["true"] * weight)[one].sum() / (weight[one].sum() or np.nan) for one in told]
             recall = [asked["true"][present & one].sum() / present.sum() for one in told]
             absent = [(one & ~present).sum() / (~present).sum() for one in told]
             cells = np.stack([right, recall, absent]).T.ravel()
