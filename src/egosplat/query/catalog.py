@@ -28,9 +28,8 @@ def catalog(scene: Scene) -> list[Answer]:
     Of names for the same Gaussians, or one instance, the best rated is told, or a kind of it with the same grade; a part is not told
     beside its whole. UserError: as ``Scene.ask``.
     """
-    names = [
-        one for one in (*words_to_try(scene.clip), *WORDS["more"]) if not untaught_words(scene.clip, one)
-    ]
+    words = (*words_to_try(scene.clip), *WORDS["more"])
+    names = [word for word in words if not untaught_words(scene.clip, word)]
     options = scene.options.change(present_share=_PRESENT_SHARE)
     answers, grading = [*scene.answers(names, _MANY, None, options)], scene.grading(options)
     claims = [

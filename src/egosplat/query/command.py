@@ -121,11 +121,11 @@ def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
         return [(answer.asked, f"{reason} ({grading.measure} {shown})" if graded else reason)]
     if view is not None and view.pixel is not None and view.level is not None:
         pixel = f"{view.pixel[0]}, {view.pixel[1]}"
-        return [(answer.asked, answer.grade, shown, view.level, pixel, _numbers(view.position))]
+        return [(answer.asked, answer.grade, shown, view.level, pixel, show_point(view.position))]
     rows: list[tuple[str, ...]] = []
     for thing in answer.things:
-        size = " x ".join(f"{side:.2f}" for side in thing.size)
-        about = answer.grade, grading.shown(thing.rating), thing.level, _numbers(thing.center), size
+        place = show_point(thing.center), show_size(thing.size)
+        about = answer.grade, grading.shown(thing.rating), thing.level, *place
         rows.append(("" if rows else answer.asked, *about, str(thing.frame)))
     return rows or [(answer.asked, NOTHING)]
 
@@ -139,12 +139,14 @@ def carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str
         rows = [("carried thing", f"at {clock(at)} [{unit}]", "for how long [min:s]")]
         for answer in answers:
             place = answer.at(at)
-            rows.append((answer.phrase, _numbers(place and place.position), place.told if place else _ABSENT))
+            rows.append(
+                (answer.phrase, show_point(place and place.position), place.told if place else _ABSENT)
+            )
         return align_rows(rows)
     rows = [("carried thing", "carried [min:s]", f"from [{unit}]", f"to [{unit}]", "frame")]
     for answer in answers:
         for number, one in enumerate(answer.history):
-            ends = _numbers(one.start), _numbers(one.end)
+            ends = show_point(one.start), show_point(one.end)
             rows.append((answer.phrase if number == 0 else "", one.told, *ends, str(one.frame)))
     return align_rows(rows)
 
@@ -157,7 +159,7 @@ def _sentence(answer: Answer, unit: str, output: Path) -> list[str]:
     if answer.refusal:
         told = answer.refusal
     elif best := next(iter(answer.things), None):
-        shown = f"at {_numbers(best.center)} {unit}, best seen in frame {best.frame}"
+        shown = f"at {show_point(best.center)} {unit}, best seen in frame {best.frame}"
         more = f"; {len(answer.things) - 1} more" if answer.things[1:] else ""
         told = f"{answer.grade}: {question.said} {shown} ({output}){more}"
     else:
@@ -165,10 +167,16 @@ def _sentence(answer: Answer, unit: str, output: Path) -> list[str]:
     return [f'"{question.typed}" (read as: {question.read}): {told}']
 
 
-def _numbers(point: Array | None) -> str:
+def show_point(point: Array | None) -> str:
+    """A place in a table; a dash if it is not known."""
     if point is None or not np.isfinite(point).all():
         return _ABSENT
     return ", ".join(f"{one:.2f}" for one in point)
+
+
+def show_size(size: Array) -> str:
+    """The sides of a box in a table."""
+    return " x ".join(f"{side:.2f}" for side in size)
 
 
 def _render_thing(scene: Scene, answer: Answer) -> DrawnAnswer:

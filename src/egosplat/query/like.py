@@ -20,10 +20,11 @@ from egosplat.geometry import Array
 from egosplat.histories.told import clock
 from egosplat.images import resize_image
 from egosplat.models.clip import OpenClip
-from egosplat.query.command import _numbers, align_rows
+from egosplat.query.command import align_rows, show_point, show_size
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
 from egosplat.query.text import clean_phrase
+from egosplat.query.things import EXTENT, SAME
 
 # Where a scene keeps names: beside its artifacts, and neither an input nor an output of a stage.
 NAMES = "names.json"
@@ -39,9 +40,6 @@ _BEST, _KEPT = 3, 8
 
 # Things that are compared with a picture once more, by crops with what surrounds them; and views of each.
 _AGAIN, _VIEWS_AGAIN = 16, 6
-
-# Two things are one if they share more than this part of the smaller one's Gaussians.
-_SAME = 0.25
 
 # Smallest side of a picture, and height of those that are drawn [px].
 _LEAST_SIDE, _DRAWN = 12, 256
@@ -123,7 +121,7 @@ class Looks:
         number, best = int(self.instance[rows[0]]), rows[0]
         members = np.flatnonzero(self.owner[:, self.level[number]] == number)
         places = self._xyz[members] if len(members) else np.full((1, 3), np.nan)
-        low, center, high = np.quantile(places, (0.02, 0.5, 0.98), axis=0)
+        low, center, high = np.quantile(places, (EXTENT[0], 0.5, EXTENT[1]), axis=0)
         last_s = float(self.scene.seconds[self.frame[self.instance == number].max()])
         shown = int(self.frame[best]), tuple(self.box[best].tolist())
         return Alike(number, members, similarity, center, high - low, *shown, last_s)
@@ -131,13 +129,13 @@ class Looks:
     def _is_one(self, thing: Alike, other: Alike) -> bool:
         """Whether two things share Gaussians; of what moves and has none, whether frames show both at one place."""
         if least := min(len(thing.members), len(other.members)):
-            return bool(np.isin(thing.members, other.members).sum() > _SAME * least)
+            return bool(np.isin(thing.members, other.members).sum() > SAME * least)
         rows, others = (np.flatnonzero(self.instance == one.instance) for one in (thing, other))
         _, one, two = np.intersect1d(self.frame[rows], self.frame[others], return_indices=True)
         boxes = self.box[rows[one]], self.box[others[two]]
         sides = np.minimum(*boxes)[:, 2:] - np.maximum(*boxes)[:, :2]
         areas = [(box[:, 2:] - box[:, :2]).prod(axis=1) for box in boxes]
-        return bool((sides.clip(0).prod(axis=1) > _SAME * np.maximum(*areas)).any())
+        return bool((sides.clip(0).prod(axis=1) > SAME * np.maximum(*areas)).any())
 
     def named(self, thing: str) -> Alike:
         """The thing in 3D at a place, as an answer prints it, or that a word finds (UserError: none is there, or is found)."""
@@ -240,8 +238,8 @@ def _rows(asked: str, things: Sequence[Alike], most: int) -> list[tuple[str, ...
         like = f" (the most alike has a similarity of {things[0].similarity:.2f})" if things else ""
         return [(asked, f"not found: no thing here looks like it{like}")]
     for one in [one for one in things[:most] if one.grade == grade]:
-        size = " x ".join(f"{side:.2f}" for side in one.size) if len(one.members) else "moves"
-        told = _numbers(one.center), size, str(one.frame), clock(one.last_s)
+        size = show_size(one.size) if len(one.members) else "moves"
+        told = show_point(one.center), size, str(one.frame), clock(one.last_s)
         rows.append(("" if rows else asked, grade, f"{one.similarity:.2f}", "" if rows else lead, *told))
     return rows
 
@@ -257,5 +255,4 @@ def _draw(answers: Sequence[tuple[Pixels | None, Scene, Sequence[Alike]]]) -> Pi
         tiles = [resize_image(one, max(1, _DRAWN * one.shape[1] // one.shape[0]), _DRAWN) for one in tiles]
         rows.append(np.hstack([*tiles, np.zeros((_DRAWN, 1, 3), np.uint8)]))
     width = max(row.shape[1] for row in rows)
-    page = np.vstack([np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows])
-    return page
+    return np.vstack([np.pad(row, ((0, 0), (0, width - row.shape[1]), (0, 0))) for row in rows])

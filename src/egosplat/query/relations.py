@@ -93,12 +93,8 @@ def is_seen(relation: str, thing: Body, anchor: Body, view: Array) -> bool:
         axes @ (one.center - view[:3, 3])[:2] for one in (thing, anchor)
     )
     aside = right - other_right * (depth / other_depth if min(depth, other_depth) > 0 else 1.0)
-    by = {
-        "left of": -aside,
-        "right of": aside,
-        "in front of": other_depth - depth,
-        "behind": depth - other_depth,
-    }
+    nearer = other_depth - depth
+    by = {"left of": -aside, "right of": aside, "in front of": nearer, "behind": -nearer}
     return bool(by[relation] > _TOUCHES * min(thing.longest, anchor.longest))
 
 
