@@ -37,7 +37,7 @@ def test_keys_stand_behind_set(command):
     [
         ("egosplat exp", "export"),
         ("egosplat export x --for", "--format"),
-        ("egosplat export x --format nerf", "nerfstudio"),
+        ("egosplat export x --format sp", "spz"),
     ],
 )
 def test_bash_completes(words, expected):

@@ -156,11 +156,11 @@ def view(folder: Path, host: str, port: int, options: PageOptions) -> None:
 @click.option(
     "--format",
     type=click.Choice(list(FORMATS)),
-    help="Gaussians (ply), images with cameras (nerfstudio, colmap), the scene page (html), or all of these over time for "
-    "Rerun (rrd). [default: by the suffix of --output, else ply]",
+    help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, colmap), the scene "
+    "page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output, else ply]",
 )
 @click.option(
-    "--query", metavar="WORDS", help="The best answer's Gaussians (ply), or boxes of answers (rrd)."
+    "--query", metavar="WORDS", help="The best answer's Gaussians (ply, spz), or boxes of answers (rrd)."
 )
 @writes("Output file or folder. [default: a name in FOLDER]")
 @click.option("--codes/--no-codes", default=True, show_default=True, help="Include the language codes; ply.")

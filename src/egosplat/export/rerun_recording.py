@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from egosplat.errors import UserError
+from egosplat.export.gaussians import LEAST_OPACITY, instance_colors
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.model import Gaussians
@@ -14,10 +15,6 @@ from egosplat.geometry import known_poses
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.report.sheets.sheet import palette
-
-# Gaussians that are less opaque show no surface.
-LEAST_OPACITY = 0.5
 
 
 def export_rerun(scene: Scene, output: Path, query: str | None) -> None:
@@ -66,7 +63,7 @@ def _points(rr: Any, gaussians: Gaussians) -> Any:
 def _log_frames(rr: Any, stream: Any, scene: Scene) -> int:
     """Log the frames with a pose, with the instances of the coarsest level; returns their number."""
     instances = scene.artifact("instances")
-    colors = (palette(instances.shape("instances/level")[0]) * 255).round().astype(np.uint8).tolist()
+    colors = instance_colors(instances.shape("instances/level")[0]).tolist()
     # Class 0 is no instance, which is transparent.
     classes = [(number, f"{number - 1}", (*color, 255)) for number, color in enumerate(colors, 1)]
     stream.log("world", rr.AnnotationContext([(0, "none", (0, 0, 0, 0)), *classes]), static=True)

@@ -17,6 +17,8 @@ _CAMERAS, _PAGE = ("frames", "poses", "splats"), STAGES["scene_page"].inputs
 # The file or folder of each format in the scene's, and the artifacts that it needs.
 FORMATS = {
     "ply": ("scene.ply", ("splats",)),
+    "spz": ("scene.spz", ("splats",)),
+    "instances": ("instances.ply", ("splats", "instances")),
     "nerfstudio": ("nerfstudio", _CAMERAS),
     "colmap": ("colmap", _CAMERAS),
     "html": ("scene.html", _PAGE),
@@ -37,17 +39,17 @@ def export_scene(
     """Write an open scene, or the folder of one or of a variant, for other programs, as ``egosplat export``.
 
     Its file or folder is ``path``, or by default a name in the scene's folder; ``format`` is one of ``FORMATS``, by default what the
-    suffix says, or ply. ``query``: only the Gaussians of the best answer (ply), or boxes of answers (rrd); ``codes``: also language
+    suffix says, or ply. ``query``: only the Gaussians of the best answer (ply, spz), or boxes of answers (rrd); ``codes``: also language
     codes (ply). UserError: an artifact is missing, damaged or of another scene; the query has no answer; or a file is at ``path``.
 
     >>> egosplat.export_scene(scene, "couch.ply", query="couch")
     """
     folder, opened = (scene, None) if isinstance(scene, Path) else (scene.folder, scene)
-    suffixes = {Path(name).suffix: format for format, (name, _) in FORMATS.items() if "." in name}
-    if format is None and (format := suffixes.get(Path(path or ".ply").suffix.lower())) is None:
+    format = format or ("ply" if path is None else Path(path).suffix[1:].lower())
+    if format not in FORMATS:
         raise UserError(f"{path}: has no suffix of a format; give the format: {', '.join(FORMATS)}")
-    if query is not None and format not in ("ply", "rrd"):
-        raise UserError(f"--query: goes with --format ply or rrd, not {format}")
+    if query is not None and format not in ("ply", "spz", "rrd"):
+        raise UserError(f"--query: goes with --format ply, spz or rrd, not {format}")
     name, needed = FORMATS[format]
     asked = ASKED if query is not None else ("language",) if codes and format == "ply" else ()
     check_scene_folder(folder, dict.fromkeys((*needed, *asked)))
@@ -64,6 +66,8 @@ def export_scene(
     options = options or (opened.options if opened else AskingOptions())
     if format in ("nerfstudio", "colmap"):
         cameras.export_cameras(folder, output, format)
+    elif format == "instances":
+        gaussians.export_instances(folder, output)
     elif format == "html":
         write_page(folder, output, options)
     elif format == "rrd":
@@ -72,4 +76,4 @@ def export_scene(
         answer = (
             None if query is None else gaussians.answer_members(opened or open_scene(folder, options), query)
         )
-        gaussians.export_gaussians(folder, output, answer, codes=codes)
+        gaussians.export_gaussians(folder, output, answer, codes=codes and format == "ply")

@@ -6,7 +6,9 @@ import sys
 import numpy as np
 import pycolmap
 import pytest
+import trimesh
 from gsply import plyread
+from gsply.spz import read_spz
 from PIL import Image
 
 from egosplat.artifacts.reader import open_artifact
@@ -34,12 +36,21 @@ def poses(scene) -> np.ndarray:
     return open_artifact(scene / "poses.zarr", POSES).read("camera_to_world")[POSED]
 
 
+def test_without_words_all_gaussians_are_written_into_the_folder(page_scene, export):
+    status, said = export()
+    assert status == 0 and f"{page_scene / 'scene.ply'}: " in said
+    (page_scene / "scene.ply").unlink()
+
+
 def test_the_answer_to_a_query(export, tmp_path):
     for word, side in (("couch", -1), ("cup", 1)):
         status, said = export("--query", word, "--no-codes", "--output", tmp_path / f"{word}.ply")
         assert status == 0, said
         means = plyread(tmp_path / f"{word}.ply").means
         assert 50 < len(means) < 500 and np.median(means[:, 0]) * side > 0.3
+    status, said = export("--query", "cup", "--format", "spz", "--output", tmp_path / "cup.spz")
+    assert status == 0, said
+    assert len(read_spz(tmp_path / "cup.spz").means) == len(means)
 
 
 def rows_of(path) -> dict[str, list[dict]]:
@@ -71,8 +82,9 @@ def test_rerun_reads_its_recording(page_scene, export, tmp_path):
     "words, said",
     [
         (("--output", "x.rrd"), 'pip install "egosplat[rerun]"'),
+        (("--output", "x"), "has no suffix of a format; give the format: ply, spz"),
         (("--query", "elephant", "--output", "x.ply"), "elephant"),
-        (("--query", "cup", "--format", "colmap", "--output", "x"), "--format ply or rrd"),
+        (("--query", "cup", "--format", "colmap", "--output", "x"), "--format ply, spz or rrd"),
     ],
 )
 def test_what_cannot_be_exported_gets_a_reason_and_no_file(export, tmp_path, monkeypatch, words, said):
@@ -80,6 +92,16 @@ def test_what_cannot_be_exported_gets_a_reason_and_no_file(export, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     status, told = export(*words)
     assert status and said in told and "Traceback" not in told and not list(tmp_path.iterdir())
+
+
+def test_instances_as_a_point_cloud(export, tmp_path):
+    status, said = export("--format", "instances", "--output", tmp_path / "x.ply")
+    assert status == 0, said
+    cloud = trimesh.load(tmp_path / "x.ply")
+    owner = cloud.metadata["_ply_raw"]["vertex"]["data"]["instance_whole"].ravel()
+    assert len(owner) == 700 and owner.max() > 0
+    for one in np.unique(owner):
+        assert len(np.unique(cloud.colors[owner == one], axis=0)) == 1, "an instance has one color"
 
 
 def test_nerfstudio_cameras(page_scene, export, tmp_path):
@@ -136,7 +158,7 @@ def test_what_readers_of_gaussians_check(export, tmp_path, codes):
     assert lines[3] == ["element", "vertex", str(len(values))] and np.isfinite(values).all()
 
 
-@pytest.mark.parametrize("format", ["ply", "nerfstudio", "colmap", "html", None])
+@pytest.mark.parametrize("format", ["ply", "spz", "instances", "nerfstudio", "colmap", "html", None])
 def test_without_artifacts_one_line_says_what_is_missing(tmp_path, monkeypatch, capfd, format):
     words = ("page", tmp_path) if format is None else ("export", tmp_path, "--format", format)
     status, _, said = run_command(monkeypatch, capfd, *words)
