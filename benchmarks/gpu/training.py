@@ -186,7 +186,7 @@ class GsplatTraining:
 
     def run(self, held_out: Views, every: int) -> Curve:
         """Train, and evaluate after each ``every`` iterations."""
-        settings = RenderSettings(OPTIONS.near_plane, "black", antialiased=False, backend=OPTIONS.backend)
+        settings = RenderSettings(OPTIONS.near_plane, "black", backend=OPTIONS.backend)
         seconds, psnr, spent = [], [], 0.0
         generator = torch.Generator().manual_seed(OPTIONS.seed)
         began = time.perf_counter()

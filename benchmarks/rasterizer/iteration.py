@@ -21,11 +21,9 @@ _SH_CONSTANT = 0.28209479
 _SH_COEFFICIENTS = 16
 _NO_DENSITY_CONTROL = Schedule(densify_from=30_000, densify_until=30_000, reset_every=None, sh_interval=1)
 _OPTIONS = TrainingOptions(
-    render=RenderSettings(near_plane=NEAR_PLANE, background="black", antialiased=False, backend="cpu"),
+    render=RenderSettings(near_plane=NEAR_PLANE, background="black", backend="cpu"),
     iterations=30_000,
     max_gaussians=1_000_000,
-    position_lr=1.6e-4,
-    grow_grad2d=2e-4,
     evaluate_every=30_000,
     seed=0,
 )

@@ -48,7 +48,7 @@ def camera_to_world() -> np.ndarray:
 
 def photographs(gaussians: Gaussians, camera_to_world: np.ndarray) -> np.ndarray:
     """(N, 24, 24, 3) uint8 pictures of Gaussians."""
-    settings = RenderSettings(0.1, "black", False, "auto")
+    settings = RenderSettings(0.1, "black", "auto")
     options = {"sh_degree": gaussians.sh_degree, "background": None}
     images = [render(gaussians, CAMERA, pose, settings, **options)[0] for pose in camera_to_world]
     return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()

@@ -25,7 +25,7 @@ from tests.support.scenes import UP, camera_facts, put
 
 SIDE = 96
 CAMERA = Camera(SIDE, SIDE, 60.0, 60.0, SIDE / 2, SIDE / 2)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 LEVELS = ["part", "whole"]
 # By x of a Gaussian, what it means: a couch on the left, a wall in the middle, a cup on the right.
 WORDS = ("couch", "wall", "cup")

@@ -23,7 +23,7 @@ from tests.support.scenes import camera_facts, digests, put
 
 SIZE = 48
 CAMERA = Camera(SIZE, SIZE, 44.0, 44.0, SIZE / 2, SIZE / 2)
-RENDERING = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+RENDERING = RenderSettings(near_plane=0.1, background="black", backend="auto")
 SMALL = {"clip_model": "small", "clip_checkpoint": "small"}
 LIGHTER = 20
 """By so much the photograph of the right half, a cup that moves, is lighter than its render."""

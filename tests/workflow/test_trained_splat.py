@@ -31,7 +31,7 @@ def splat(tmp_path):
     for number, shift in enumerate(np.linspace(-0.4, 0.4, 6)):
         pose = np.eye(4)
         pose[0, 3] = shift
-        settings = RenderSettings(0.1, "black", False, "auto")
+        settings = RenderSettings(0.1, "black", "auto")
         picture = render(gaussians, CAMERA, pose, settings, sh_degree=1, background=None)[0]
         Image.fromarray((picture.clamp(0, 1) * 255).byte().numpy()).save(folder / f"images/{number}.png")
         opengl = (pose * [1, -1, -1, 1]).tolist()

@@ -51,4 +51,4 @@ def read_exposure(splats: Artifact) -> tuple[Tensor | None, Tensor | None]:
 def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:
     """Return the settings that a splats artifact was trained with, with the given backend."""
     options = artifact.provenance["options"]
-    return RenderSettings(options["near_plane"], options["background"], antialiased=False, backend=backend)
+    return RenderSettings(options["near_plane"], options["background"], backend)

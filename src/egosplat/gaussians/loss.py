@@ -87,9 +87,10 @@ def _cleaned(render: Tensor, target: Tensor, weight: Tensor | None) -> tuple[Ten
 
 
 class Objective(ABC):
-    """Compares a render with its photograph; ``advice`` names keys that the user may change if training diverges."""
+    """Compares a render with its photograph; ``advice`` names keys that the user may change if training diverges;
+    ``features`` is the number of channels that it needs besides colors."""
 
-    advice = "raise run.near_plane"
+    advice, features = "raise run.near_plane", 0
 
     @abstractmethod
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:

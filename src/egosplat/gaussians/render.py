@@ -23,23 +23,16 @@ class RenderSettings:
     Attributes:
         near_plane: smallest rendered camera z [m].
         background: ``black``, ``white``, or ``random``: a new color in each training iteration, black elsewhere.
-        antialiased: dim Gaussians smaller than a pixel (Yu et al. 2024) instead of enlarging them.
     """
 
     near_plane: float
     background: str
-    antialiased: bool
     backend: str
 
     @property
     def still_background(self) -> Tensor | None:
         """(3,) float32 background color outside of training; None for black."""
         return torch.ones(3) if self.background == "white" else None
-
-    @property
-    def rasterize_mode(self) -> str:
-        """See ``egosplat.rasterize.api.rasterization``."""
-        return "antialiased" if self.antialiased else "classic"
 
 
 def view_of(
@@ -59,7 +52,6 @@ def view_of(
         camera.width,
         camera.height,
         near_plane=settings.near_plane,
-        rasterize_mode=settings.rasterize_mode,
         backend=settings.backend,
     )
 
@@ -112,7 +104,6 @@ def render(
         features=gaussians.features if channels else None,
         backgrounds=backgrounds if shows_colors(render_mode) else None,
         render_mode=render_mode,
-        rasterize_mode=settings.rasterize_mode,
         backend=settings.backend,
     )
     # Not ``images[0]``, whose gradient is a copy among zeros.

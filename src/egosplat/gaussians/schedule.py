@@ -1,7 +1,8 @@
 """The training schedule: learning rate of the means, SH degree, density control; and the options of a training."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from egosplat.gaussians.render import RenderSettings
 
@@ -110,9 +111,8 @@ def cut(schedule: Schedule, iterations: int) -> Schedule:
     )
 
 
-# 3DGS's learning rate and densification threshold.
+# 3DGS's initial learning rate of the means.
 POSITION_LR = 1.6e-4
-GROW_GRAD2D = 2e-4
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,8 +120,10 @@ class TrainingOptions:
     """Options of one training run.
 
     Attributes:
-        max_gaussians: largest number of Gaussians.
-        grow_grad2d: mean image position gradient above which a Gaussian grows, in units of half the image.
+        max_gaussians: largest number of Gaussians; ``max_points``: of points to start from.
+        densify_init: start also where views show no point.
+        sh_degree: highest degree of spherical harmonics.
+        grow_grad2d: mean image position gradient above which a Gaussian grows, in units of half the image; the default is 3DGS's.
         reset_opacity: largest opacity after a reset.
         reset_at_start: also reset opacities when density control begins.
         prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
@@ -133,9 +135,12 @@ class TrainingOptions:
     render: RenderSettings
     iterations: int
     max_gaussians: int
-    grow_grad2d: float
     evaluate_every: int
     seed: int
+    max_points: int = 50_000
+    densify_init: bool = True
+    sh_degree: int = 0
+    grow_grad2d: float = 2e-4
     # 3DGS: 0.01. The rasterizer skips pixels with alpha below 1/255, so a Gaussian of opacity o has gradients within
     # sqrt(2 ln(255 o)) standard deviations: the fraction 1 - 1 / (255 o) of its footprint. At 0.01 that is 61 %, and a
     # Gaussian that is covered or dimmed by antialiasing may have no such pixel: it would neither fade nor recover. At
@@ -145,6 +150,15 @@ class TrainingOptions:
     prune_screen_px: float | None = None
     cuts_schedule: bool = False
     position_lr: float = POSITION_LR
+
+    @staticmethod
+    def of(keys: Any, **others: Any) -> "TrainingOptions":
+        """Take the options of a stage that have these names, and ``others``."""
+        render = RenderSettings(keys.near_plane, getattr(keys, "background", "black"), keys.backend)
+        names = [field.name for field in fields(TrainingOptions) if hasattr(keys, field.name)]
+        return TrainingOptions(
+            **{"render": render, **{name: getattr(keys, name) for name in names}, **others}
+        )
 
     @property
     def schedule(self) -> Schedule:

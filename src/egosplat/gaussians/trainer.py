@@ -2,23 +2,26 @@
 
 import math
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
-from egosplat.gaussians.corrections import Corrections, applied
+from egosplat.gaussians.corrections import Corrections, applied, make_corrections
 from egosplat.gaussians.density_control import DensityControl
 from egosplat.gaussians.evaluation import evaluate
+from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import Objective
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.render import render
 from egosplat.gaussians.schedule import Schedule, TrainingOptions
 from egosplat.gaussians.training_views import Views
+from egosplat.pipeline.shared_options import CameraOptions
 from egosplat.progress import log, track
 
 
@@ -116,6 +119,26 @@ class TrainingState:
         self.loss_sum = state["loss_sum"]
         for name in _NUMBERS:
             setattr(self, name, state[name])
+
+
+def begin(
+    poses: Artifact, views: Views, options: TrainingOptions, objective: Objective, camera: CameraOptions
+) -> TrainingState:
+    """The state before the first iteration on ``views``; ``camera`` are options after ``resolve_camera``. Raises as ``starting_gaussians``."""
+    near_plane = options.render.near_plane
+    start = starting_gaussians(
+        poses,
+        views,
+        max_points=min(options.max_points, options.max_gaussians),
+        densify_init=options.densify_init,
+        sh_degree=options.sh_degree,
+        near_plane=near_plane,
+        seed=options.seed,
+    )
+    start = replace(start, features=start.means.new_zeros(start.count, objective.features))
+    extent = scene_extent(views.camera_to_world, near_plane)
+    corrections = make_corrections(camera, start, views, near_plane, options.iterations)
+    return TrainingState(start, options, extent, objective, corrections)
 
 
 _NUMBERS = ("iteration", "seconds", "bad_records")

@@ -139,7 +139,8 @@ def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor
 
 
 class JointLanguage(Objective):
-    """L_RGB-w + feature_weight L_F-w; the Gaussians' features are the concatenated codes of all levels."""
+    """L_RGB-w + feature_weight L_F-w; the Gaussians' features are the concatenated codes of all levels, so that their gradients
+    reach the geometry, too."""
 
     advice = "lower splats.feature_weight, or raise run.near_plane"
 
@@ -147,6 +148,7 @@ class JointLanguage(Objective):
         """Take the weight of the code loss; ``ssim_lambda`` as in ``L1Ssim``."""
         self._colors = L1Ssim(ssim_lambda)
         self._feature_weight, self._targets = feature_weight, targets
+        self.features = len(targets.levels) * targets.channels
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
         """See ``egosplat.gaussians.loss.Objective``."""

@@ -33,19 +33,17 @@ from egosplat.gaussians.corrections import (
     Corrections,
     applied,
     corrected_poses,
-    make_corrections,
     resolve_camera,
 )
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores, evaluate
 from egosplat.gaussians.fitting import fit
-from egosplat.gaussians.initialization import scene_extent, starting_gaussians
+from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
-from egosplat.gaussians.schedule import GROW_GRAD2D, TrainingOptions
-from egosplat.gaussians.trainer import Curves, TrainingState, ViewSets, resume_and_train
+from egosplat.gaussians.schedule import TrainingOptions
+from egosplat.gaussians.trainer import Curves, TrainingState, ViewSets, begin, resume_and_train
 from egosplat.gaussians.training_views import Mask, Masking, Views, open_masking, read_views, split_views
 from egosplat.language.targets import CodeTargets, JointLanguage
 from egosplat.models.checkpoints import joint_hash
@@ -92,28 +90,13 @@ def run(
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
     record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
-    training = training_options(options)
+    training = TrainingOptions.of(options)
     view_sets = _view_sets(frames, poses, kept, masking, training)
-    start = starting_gaussians(
-        poses,
-        view_sets.training,
-        max_points=min(options.max_points, options.max_gaussians),
-        densify_init=options.densify_init,
-        sh_degree=options.sh_degree,
-        near_plane=options.near_plane,
-        seed=options.seed,
-    )
     objective: Objective = L1Ssim(options.ssim_lambda)
     if language_inputs:
         targets = CodeTargets(*language_inputs, view_sets.training.device)
         objective = JointLanguage(options.ssim_lambda, options.feature_weight, targets)
-        # Codes of all levels are features of the Gaussians, so their gradients reach the geometry, too.
-        features = start.means.new_zeros(start.count, len(targets.levels) * targets.channels)
-        start = replace(start, features=features)
-    extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
-    views, near_plane = view_sets.training, options.near_plane
-    corrections = make_corrections(options, start, views, near_plane, options.iterations)
-    state = TrainingState(start, training, extent, objective, corrections)
+    state = begin(poses, view_sets.training, training, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     resume_and_train(state, view_sets, training, checkpoint)
     _write(output, record, state, view_sets, training, poses, masking)
@@ -128,7 +111,7 @@ def _import(
     record = provenance.begin_from(
         "splats", options.as_dict(), [frames, poses], {"source": joint_hash(files)}
     )
-    training = training_options(options)
+    training = TrainingOptions.of(options)
     device = training_device(options.backend)
     gaussians, source = import_gaussians(files, frames, poses, training.render, device)
     masking = open_masking("none", frames, transient_path=None, masks_path=None)
@@ -141,25 +124,6 @@ def _import(
         facts |= _facts(view_sets, training, extent, gaussians.sh_degree)
         scores = _put(artifact, gaussians, Curves(), view_sets.held_out, training, facts)
     log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores, None)}")
-
-
-def training_options(options: SplatsOptions) -> TrainingOptions:
-    """Return the training options of the Gaussians."""
-    # 3DGS enlarges Gaussians smaller than a pixel, too, instead of dimming them.
-    render = RenderSettings(
-        options.near_plane, options.background, antialiased=False, backend=options.backend
-    )
-    return TrainingOptions(
-        render=render,
-        iterations=options.iterations,
-        max_gaussians=options.max_gaussians,
-        grow_grad2d=GROW_GRAD2D,
-        evaluate_every=options.evaluate_every,
-        seed=options.seed,
-        reset_opacity=options.reset_opacity,
-        reset_at_start=options.reset_at_start,
-        prune_screen_px=options.prune_screen_px,
-    )
 
 
 def _open_language_inputs(

@@ -16,12 +16,10 @@ from egosplat.artifacts.schemas import FRAMES, POSES, TRANSIENT, lies_on_its_sid
 from egosplat.artifacts.writer import Writer, create
 from egosplat.compute import single_thread
 from egosplat.files import expand_home
-from egosplat.gaussians.corrections import make_corrections, resolve_camera
+from egosplat.gaussians.corrections import resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
-from egosplat.gaussians.initialization import scene_extent, starting_gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
+from egosplat.gaussians.trainer import ViewSets, begin, resume_and_train
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
@@ -61,24 +59,15 @@ def run(
         for chosen in (training, np.zeros_like(training))
     )
     log(f"{len(views)} training views of {views.camera.width} x {views.camera.height} pixels")
-    start = starting_gaussians(
-        poses,
-        views,
-        max_points=min(options.max_points, options.max_gaussians),
-        densify_init=options.densify_init,
-        sh_degree=options.sh_degree,
-        near_plane=options.near_plane,
-        seed=options.seed,
-    )
     objective = InitialObjective(net, options, views.device)
-    schedule, near_plane = training_options(options), options.near_plane
-    extent = scene_extent(views.camera_to_world, near_plane)
-    corrections = make_corrections(options, start, views, near_plane, options.iterations)
-    state = TrainingState(start, schedule, extent, objective, corrections)
+    # Temporary Gaussians need no intermediate evaluations.
+    others = {"evaluate_every": options.iterations, "cuts_schedule": options.schedule == "cut"}
+    gaussian_options = TrainingOptions.of(options, **others)
+    state = begin(poses, views, gaussian_options, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
-        resume_and_train(state, ViewSets(views, held_out=none), schedule, checkpoint)
+        resume_and_train(state, ViewSets(views, held_out=none), gaussian_options, checkpoint)
     with create(output, TRANSIENT, record) as artifact:
         artifact.put("curve/iteration", np.array(state.curves.iteration, np.int64))
         artifact.put("curve/loss", np.array(state.curves.loss, np.float64))
@@ -97,26 +86,6 @@ def run(
             "tensors": tensors,
         }
     checkpoint.remove()
-
-
-def training_options(options: TransientOptions) -> TrainingOptions:
-    """Return the training options of the temporary Gaussians."""
-    render = RenderSettings(
-        options.near_plane, options.background, antialiased=False, backend=options.backend
-    )
-    return TrainingOptions(
-        render=render,
-        iterations=options.iterations,
-        max_gaussians=options.max_gaussians,
-        grow_grad2d=options.grow_grad2d,
-        # Temporary Gaussians need no intermediate evaluations.
-        evaluate_every=options.iterations,
-        seed=options.seed,
-        reset_opacity=options.reset_opacity,
-        reset_at_start=options.reset_at_start,
-        prune_screen_px=options.prune_screen_px,
-        cuts_schedule=options.schedule == "cut",
-    )
 
 
 def _put_weights(artifact: Writer, net: TransientNet) -> list[list[Any]]:

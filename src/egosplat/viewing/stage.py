@@ -114,7 +114,6 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
         "near": settings.near_plane,
         "raster": raster | {"least_alpha": ALPHA_THRESHOLD, "most_alpha": MAX_ALPHA},
         "white": settings.background == "white",
-        "antialiased": settings.antialiased,
         "levels": list(scene.levels),
         "query": {name: getattr(options, name) for name in keys} | limits,
     }

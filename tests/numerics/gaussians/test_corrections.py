@@ -16,7 +16,7 @@ from egosplat.geometry import Camera
 from egosplat.pipeline.shared_options import CameraOptions
 
 BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 
 
 @pytest.mark.numerics("pose correction: rotation vectors of 0 to 2 pi rad, 1e-300 included", within=1e-14)

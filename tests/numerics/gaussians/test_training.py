@@ -1,6 +1,7 @@
 """Training survives broken, empty and single-color input and excessive learning rates."""
 
 from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +16,6 @@ from egosplat.gaussians.optimizer import LearningRates
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import pixel_weight
 from egosplat.language.targets import Targets, code_l1
-from egosplat.splats import stage
 
 FRAMES, SIZE = 7, 20
 
@@ -114,7 +114,7 @@ def test_a_render_that_is_broken_once(scene, run, monkeypatch):
     "Gaussians that are NaN or infinite from the start", outside="culled, pruned, and never stored"
 )
 def test_broken_gaussians(scene, run, monkeypatch):
-    real = stage.starting_gaussians
+    real = state.starting_gaussians
 
     def broken(*args, **keys) -> Gaussians:
         start = real(*args, **keys)
@@ -123,7 +123,7 @@ def test_broken_gaussians(scene, run, monkeypatch):
             getattr(start, name)[2 * row + 1] = float("inf")
         return start
 
-    monkeypatch.setattr(stage, "starting_gaussians", broken)
+    monkeypatch.setattr(state, "starting_gaussians", broken)
     loss = run(scene()).read("curve/loss")
     assert np.isfinite(loss[1:]).all() and loss[-1] < loss[1]
     # Too short a run for density control to find them.
@@ -132,9 +132,9 @@ def test_broken_gaussians(scene, run, monkeypatch):
 
 @pytest.mark.numerics("no Gaussian is finite", outside="UserError; no artifact")
 def test_no_finite_gaussian(scene, run, left, monkeypatch):
-    real = stage.starting_gaussians
+    real = state.starting_gaussians
     monkeypatch.setattr(
-        stage,
+        state,
         "starting_gaussians",
         lambda *args, **keys: replace(start := real(*args, **keys), means=start.means * float("nan")),
     )
@@ -149,15 +149,12 @@ def test_no_finite_gaussian(scene, run, left, monkeypatch):
 )
 @pytest.mark.parametrize(("positions", "others"), [(100, 1), (10_000, 1), (100, 100)])
 def test_learning_rates(scene, run, left, monkeypatch, positions, others):
-    usual = stage.training_options
-
-    def faster(options) -> TrainingOptions:
-        return replace(usual(options), position_lr=1.6e-4 * positions)
+    faster = partial(TrainingOptions.of, position_lr=1.6e-4 * positions)
 
     def rates(means: float) -> LearningRates:
         return LearningRates(**{name: others * rate for name, rate in asdict(LearningRates(means)).items()})
 
-    monkeypatch.setattr(stage, "training_options", faster)
+    monkeypatch.setattr(TrainingOptions, "of", faster)
     monkeypatch.setattr(state, "LearningRates", rates)
     folder = scene()
     try:

@@ -32,13 +32,11 @@ from tests.support.gaussian_scene import CAMERA, Stopped, StoppingCheckpoint, vi
 
 OFF = CameraOptions(refine_poses="off", compensate_exposure="off")
 BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 OPTIONS = TrainingOptions(
     render=SETTINGS,
     iterations=60,
     max_gaussians=60,
-    position_lr=1.6e-4,
-    grow_grad2d=2e-4,
     evaluate_every=30,
     seed=3,
 )

@@ -40,7 +40,7 @@ def make(n: int, scale: float = 0.01, opacity: float = 0.5) -> Gaussians:
 
 def control(max_gaussians: int = 1000, **options: float) -> DensityControl:
     keys = {"grow_grad2d": 2e-4, "evaluate_every": 30_000, "seed": 0} | options
-    settings = RenderSettings(0.1, "black", False, "reference")
+    settings = RenderSettings(0.1, "black", "reference")
     stock = TrainingOptions(render=settings, iterations=30_000, max_gaussians=max_gaussians, **keys)
     return DensityControl(stock, EXTENT)
 
@@ -197,7 +197,7 @@ def test_after_a_reset_the_rim_of_a_gaussian_still_gets_gradient(reset_to: float
     gaussians = make(1, scale=0.1, opacity=0.9)
     gaussians.means.detach()[:] = torch.tensor([-0.2, 0.0, 1.0])
     reset_opacities(gaussians, with_moments(gaussians), reset_to)
-    camera, settings = Camera(40, 41, 40.0, 40.0, 0.5, 20.5), RenderSettings(0.1, "black", False, "reference")
+    camera, settings = Camera(40, 41, 40.0, 40.0, 0.5, 20.5), RenderSettings(0.1, "black", "reference")
     render(gaussians, camera, np.eye(4), settings, sh_degree=0, background=None)[1].sum().backward()
     assert bool(gaussians.logit_opacities.grad.any()) == reached
 

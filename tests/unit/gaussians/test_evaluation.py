@@ -13,7 +13,7 @@ from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
 from tests.support.gaussian_scene import views_of
 
-OPTIONS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+OPTIONS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 
 
 @pytest.fixture
@@ -54,6 +54,6 @@ def test_the_true_gaussians_render_the_pictures(truth, views):
 def test_evaluation_renders_on_the_background_of_training(truth, views, background, value):
     behind = truth.select(torch.arange(1))
     behind.means[:, 2] = -5.0
-    options = RenderSettings(near_plane=0.1, background=background, antialiased=False, backend="auto")
+    options = RenderSettings(near_plane=0.1, background=background, backend="auto")
     image = rendered(behind, views, 0, options, 0)
     assert image.shape == (24, 24, 3) and bool((image == value).all())

@@ -63,7 +63,7 @@ def picture(gaussians: Gaussians, pose: np.ndarray, mode: str, background: torch
         gaussians,
         CAMERA,
         pose,
-        RenderSettings(0.1, "black", False, "reference"),
+        RenderSettings(0.1, "black", "reference"),
         sh_degree=0,
         background=background,
         render_mode=mode,

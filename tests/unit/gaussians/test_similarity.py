@@ -12,7 +12,7 @@ from egosplat.gaussians.similarity import moved, split_similarity
 from tests.support.gaussian_scene import CAMERA
 from tests.support.splats import colorful
 
-SETTINGS = RenderSettings(0.1, "black", False, "auto")
+SETTINGS = RenderSettings(0.1, "black", "auto")
 
 
 def similarity(seed: int, scale: float) -> np.ndarray:

@@ -16,11 +16,9 @@ from egosplat.gaussians.trainer import TrainingState, ViewSets, draw_background,
 from tests.support.gaussian_scene import views_of
 
 OPTIONS = TrainingOptions(
-    render=RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto"),
+    render=RenderSettings(near_plane=0.1, background="black", backend="auto"),
     iterations=60,
     max_gaussians=80,
-    position_lr=1.6e-4,
-    grow_grad2d=2e-4,
     evaluate_every=20,
     seed=3,
 )

@@ -22,7 +22,7 @@ from tests.support.page_scene import put_histories
 from tests.support.sightings import make_rests
 
 CAMERA, EYE = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 TEXTS = Texts(("wall", "cup"), torch.eye(4)[:2], torch.eye(4)[2:3])
 OPTIONS = LANGSPLAT.change(box_filter=0.0)
 

@@ -27,7 +27,7 @@ def scene(tmp_path):
         splats = {"means": np.float32([[0, 0, 2]]), "log_scales": np.full((1, 3), -2.0, np.float32)}
         splats |= {"logit_opacities": np.float32([9.0]), "sh": sh}
         facts = {"camera": asdict(CAMERA), "sh_degree_in_use": degree}
-        options = {"near_plane": 0.5, "antialiased": True, "background": background}
+        options = {"near_plane": 0.5, "background": background}
         path = put(tmp_path, "splats", splats, facts, options=options)
         return read_trained_scene(open_artifact(path, SPLATS), "auto")
 

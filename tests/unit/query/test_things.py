@@ -169,7 +169,7 @@ def test_a_thing_is_shown_where_it_is(scene, texts, valid):
 
 
 CAMERA = Camera(20, 16, 18.0, 18.0, 10.0, 8.0)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="cpu")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="cpu")
 
 
 def test_shares_are_sums_of_compositing_weights():

@@ -78,7 +78,7 @@ def test_what_is_not_covered_is_no_answer_and_moves_no_threshold(view):
 
 
 CAMERA, EYE = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))
 READOUTS = ("gaussians", "pixels")
 PAIR = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])

@@ -1,5 +1,7 @@
 """What a view composites of sparse values, at single pixels and over all pixels is what the renderer has."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -22,8 +24,8 @@ BACKENDS = pytest.mark.parametrize("backend", ["cpu", "reference"])
 
 
 def view(gaussians=CROWD, backend: str = "cpu", antialiased: bool = False) -> View:
-    settings = RenderSettings(0.1, "black", antialiased, backend)
-    return view_of(gaussians, CAMERA, np.eye(4), settings)
+    shown = view_of(gaussians, CAMERA, np.eye(4), RenderSettings(0.1, "black", backend))
+    return replace(shown, rasterize_mode="antialiased") if antialiased else shown
 
 
 def rendered(shown: View, values: Tensor) -> Tensor:

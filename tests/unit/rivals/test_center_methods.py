@@ -18,7 +18,7 @@ from egosplat_rivals.semantic_gaussians import EVERY, pixel_features, project_vi
 from tests.support.blobs import blobs
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", antialiased=False, backend="auto")
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 LEFT, RIGHT = [1.0, 0.0], [0.0, 1.0]
 
 

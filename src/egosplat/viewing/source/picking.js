@@ -39,13 +39,12 @@ function alphaAt(scene, camera, focal, [width, height], one, [u, v, z], x, y, ra
   const rowU = plus(camera.right, camera.forward, -slopeX).map((value) => (value * focal) / z);
   const rowV = plus(camera.down, camera.forward, -slopeY).map((value) => (value * focal) / z);
   let uu = inner(rowU, times(rowU)), vv = inner(rowV, times(rowV));
-  const uv = inner(rowU, times(rowV)), sharp = Math.max(uu * vv - uv * uv, 0);
+  const uv = inner(rowU, times(rowV));
   uu += raster.blur;
   vv += raster.blur;
   const area = uu * vv - uv * uv, dx = x - u, dy = y - v;
   const sigma = (0.5 * (vv * dx * dx + uu * dy * dy) - uv * dx * dy) / area;
-  const opacity = scene.opacities[one] * (scene.facts.antialiased ? Math.sqrt(sharp / area) : 1);
-  return Math.min(opacity * Math.exp(-sigma), raster.most_alpha);
+  return Math.min(scene.opacities[one] * Math.exp(-sigma), raster.most_alpha);
 }
 
 // Relevancy of the palette to a word of the page's list, computed once.

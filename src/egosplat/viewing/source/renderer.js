@@ -93,7 +93,7 @@ class Renderer {
     gl.uniform2f(this.uniform("size"), width, height);
     gl.uniform1f(this.uniform("focal"), focal);
     gl.uniform1f(this.uniform("near"), facts.near);
-    gl.uniform4f(this.uniform("limits"), raster.margin, raster.blur, raster.least_alpha, Number(facts.antialiased));
+    gl.uniform3f(this.uniform("limits"), raster.margin, raster.blur, raster.least_alpha);
     gl.uniform2f(this.uniform("bounds"), raster.least_alpha, raster.most_alpha);
     gl.uniform1i(this.uniform("bands"), facts.bands);
     const behind = Number(facts.white);

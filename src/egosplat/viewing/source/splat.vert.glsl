@@ -12,7 +12,7 @@ uniform vec3 eye;
 uniform vec2 size;           // of the image [px]
 uniform float focal;         // [px]
 uniform float near;
-uniform vec4 limits;         // margin of the frustum, blur [px^2], least alpha, 1 if antialiased
+uniform vec3 limits;         // margin of the frustum, blur [px^2], least alpha
 uniform int bands;
 
 in uint index;
@@ -48,11 +48,9 @@ void main() {
   mat3 turned = worldToCamera * covariance * transpose(worldToCamera);
   vec3 u = focal / seen.z * vec3(1.0, 0.0, -slope.x), v = focal / seen.z * vec3(0.0, 1.0, -slope.y);
   float uu = dot(u, turned * u), uv = dot(u, turned * v), vv = dot(v, turned * v);
-  float sharp = max(uu * vv - uv * uv, 0.0);
   uu += limits.y;
   vv += limits.y;
   float area = uu * vv - uv * uv, alpha = center.w;
-  if (limits.w > 0.5) alpha *= sqrt(sharp / area);
   if (alpha < limits.z || !(area > 0.0)) return;
   // The quad along the ellipse's axes, to where alpha falls below the least.
   float reach = sqrt(2.0 * log(alpha / limits.z)), half_sum = 0.5 * (uu + vv);
