@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, rebuild_command, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape, sizes_of
-from egosplat.errors import reraise_as
+from egosplat.errors import UserError, reraise_as
 
 
 class _Attributes(dict[str, Any]):
@@ -107,6 +107,13 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
     if (kind := attributes.get("schema")) != schema.name:
         raise ArtifactError(f"{path}: holds {kind!r}, not {schema.name!r}. Give the {schema.name} artifact.")
     return _of_version(path, schema, group, attributes)
+
+
+def open_needed(path: Path | None, schema: Schema, by: str) -> Artifact:
+    """Open an artifact that a value of a key needs, such as ``splats.masking = refined`` (UserError: its path is not given)."""
+    if path is None:
+        raise UserError(f"{by} needs the {schema.name} artifact: give --{schema.name}")
+    return open_artifact(path, schema)
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:

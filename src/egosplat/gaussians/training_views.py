@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_needed
 from egosplat.artifacts.schemas import MASKS, TRANSIENT, shown_pixels
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
@@ -212,8 +212,6 @@ def open_masking(
         )
     name, schema, array = _SOURCES[kind]
     path = {"transient": transient_path, "masks": masks_path}[name]
-    if path is None:
-        raise UserError(f"splats.masking = {kind} needs the {name} artifact: give --{name}")
-    artifact = open_artifact(path, schema)
+    artifact = open_needed(path, schema, f"splats.masking = {kind}")
     check_made_from(artifact, frames, axes=("frame", "height", "width"))
     return Masking(artifact, array, masked)

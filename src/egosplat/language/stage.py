@@ -10,11 +10,9 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.provenance import Provenance
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schema import Schema
+from egosplat.artifacts.reader import open_artifact, open_needed
 from egosplat.artifacts.schemas import FRAMES, LANGUAGE, POSES, SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.errors import UserError
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.training_views import open_masking
@@ -61,7 +59,8 @@ def run(
     kept, by_survey = kept_frames(frames, survey_path)
     method: Method = load_module("language", name).METHOD
     paths = {"instances": instances_path, "features": features_path, "tiles": tiles_path}
-    learnt_from = [_opened(paths[schema.name], schema, name) for schema in method.learns_from]
+    by = f"language by method {name}"
+    learnt_from = [open_needed(paths[schema.name], schema, by) for schema in method.learns_from]
     used = [frames, poses, splats, *masking.artifacts, *learnt_from]
     record = provenance.begin_from("language", options.as_dict() | by_survey, used, chosen=name)
     device = training_device(options.backend)
@@ -83,12 +82,6 @@ def run(
     facts = {"method": name, "maps_only": coded.maps_only, "views": len(views), "stands_in": stands_in}
     _write(output, record, coded, facts)
     checkpoint.remove()
-
-
-def _opened(path: Path | None, schema: Schema, method: str) -> Artifact:
-    if path is None:
-        raise UserError(f"codes by method {method} need the {schema.name} artifact: give --{schema.name}")
-    return open_artifact(path, schema)
 
 
 def _write(output: Path, record: Provenance, coded: Coded, facts: dict[str, Any]) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint, Work, lie_within
 from egosplat.artifacts.consistency import check_made_from, kept_frames
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact, open_needed
 from egosplat.artifacts.schemas import FRAMES, SEGMENTS, TRANSIENT, shown_pixels
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
@@ -86,11 +86,9 @@ def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOption
     """Open the transient artifact if what moves is tracked."""
     if not options.single_frames or options.track_moving == "never":
         return None
-    if path is None:
-        if options.track_moving == "always":
-            raise UserError("segments.track_moving = always needs the transient artifact: give --transient")
+    if path is None and options.track_moving != "always":
         return None
-    transient = open_artifact(path, TRANSIENT)
+    transient = open_needed(path, TRANSIENT, "segments.track_moving = always")
     check_made_from(transient, frames, axes=("frame", "height", "width"))
     return transient
 

@@ -13,7 +13,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.provenance import Provenance
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.reader import Artifact, open_artifact, open_needed
 from egosplat.artifacts.schemas import (
     AS_GIVEN,
     FEATURES,
@@ -84,9 +84,10 @@ def run(
     options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path, options.masking)
     masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
-    language_inputs = (
-        _open_language_inputs(instances_path, features_path) if options.language == "joint" else ()
-    )
+    language_inputs = []
+    if options.language == "joint":
+        codes = (instances_path, INSTANCES), (features_path, FEATURES)
+        language_inputs = [open_needed(*each, "splats.language = joint") for each in codes]
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
     record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
@@ -124,16 +125,6 @@ def _import(
         facts |= _facts(view_sets, training, extent, gaussians.sh_degree)
         scores = _put(artifact, gaussians, Curves(), view_sets.held_out, training, facts)
     log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores, None)}")
-
-
-def _open_language_inputs(
-    instances_path: Path | None, features_path: Path | None
-) -> tuple[Artifact, Artifact]:
-    if instances_path is None or features_path is None:
-        raise UserError(
-            "splats.language = joint needs the artifacts of the codes: give --instances and --features"
-        )
-    return open_artifact(instances_path, INSTANCES), open_artifact(features_path, FEATURES)
 
 
 def _view_sets(
