@@ -75,22 +75,14 @@ def run_scene(folder: Path, settings: dict, results: str, words: tuple[str, ...]
 
 def digests_below(results: Path):
     """Yield the name and the digest of each array of each artifact below a folder."""
-    for metadata in results.rglob("zarr.json"):
-        array = metadata.parent
-        if json.loads(metadata.read_bytes()).get("node_type") == "array":
-            digest = hashlib.sha256()
-            for file in sorted(path for path in array.rglob("*") if path.is_file()):
-                digest.update(
-                    f"{file.relative_to(array)}\0".encode() + hashlib.sha256(file.read_bytes()).digest()
-                )
-            yield array.relative_to(results).as_posix(), digest.hexdigest()[:16]
-    for recording in results.glob("*/*/recording"):
+    described = ((path.parent, json.loads(path.read_bytes())) for path in results.rglob("zarr.json"))
+    arrays = [folder for folder, about in described if about.get("node_type") == "array"]
+    for folder in (*arrays, *results.glob("*/*/recording")):
         digest = hashlib.sha256()
-        for file in sorted(path for path in recording.rglob("*") if path.is_file()):
-            digest.update(
-                f"{file.relative_to(recording)}\0".encode() + hashlib.sha256(file.read_bytes()).digest()
-            )
-        yield recording.relative_to(results).as_posix(), digest.hexdigest()[:16]
+        for file in sorted(path for path in folder.rglob("*") if path.is_file()):
+            name = f"{file.relative_to(folder)}\0".encode()
+            digest.update(name + hashlib.sha256(file.read_bytes()).digest())
+        yield folder.relative_to(results).as_posix(), digest.hexdigest()[:16]
 
 
 def make(name: str) -> dict[str, str]:

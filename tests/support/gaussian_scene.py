@@ -20,6 +20,7 @@ SIZE = 24
 FRAME_COUNT = 9
 HELD_OUT = 4
 CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
+SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 
 
 @pytest.fixture(scope="session")
@@ -33,7 +34,7 @@ def points() -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture(scope="session")
 def truth(points) -> Gaussians:
     """The Gaussians in the pictures: opaque, at ``points``."""
-    gaussians = from_points(*points, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians = from_points(*points, sh_degree=0, max_points=1000, seed=0)
     gaussians.logit_opacities.fill_(3.0)
     return gaussians
 
@@ -46,11 +47,10 @@ def camera_to_world() -> np.ndarray:
     return poses
 
 
-def photographs(gaussians: Gaussians, camera_to_world: np.ndarray) -> np.ndarray:
-    """(N, 24, 24, 3) uint8 pictures of Gaussians."""
-    settings = RenderSettings(0.1, "black", "auto")
+def photographs(gaussians: Gaussians, camera_to_world: np.ndarray, camera: Camera = CAMERA) -> np.ndarray:
+    """(N, H, W, 3) uint8 pictures of Gaussians."""
     options = {"sh_degree": gaussians.sh_degree, "background": None}
-    images = [render(gaussians, CAMERA, pose, settings, **options)[0] for pose in camera_to_world]
+    images = [render(gaussians, camera, pose, SETTINGS, **options)[0] for pose in camera_to_world]
     return (torch.stack(images).clamp(0, 1) * 255).round().to(torch.uint8).numpy()
 
 

@@ -11,7 +11,6 @@ import torch
 
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
@@ -21,11 +20,11 @@ from egosplat.viewing.gaussians import STEP
 from egosplat.viewing.html import Arrays, Facts, data_of, unpack
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.stage import run
+from tests.support.gaussian_scene import SETTINGS, photographs
 from tests.support.scenes import UP, camera_facts, put
 
 SIDE = 96
 CAMERA = Camera(SIDE, SIDE, 60.0, 60.0, SIDE / 2, SIDE / 2)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 LEVELS = ["part", "whole"]
 # By x of a Gaussian, what it means: a couch on the left, a wall in the middle, a cup on the right.
 WORDS = ("couch", "wall", "cup")
@@ -39,7 +38,7 @@ def wall() -> Gaussians:
     rng = np.random.default_rng(0)
     xyz = rng.uniform([-1.6, -1.2, 1.95], [1.6, 1.2, 2.05], (700, 3))
     rgb = rng.integers(60, 200, (700, 3), dtype=np.uint8)
-    gaussians = from_points(xyz, rgb, sh_degree=1, feature_channels=0, max_points=1000, seed=0)
+    gaussians = from_points(xyz, rgb, sh_degree=1, max_points=1000, seed=0)
     gaussians.logit_opacities.fill_(3.0)
     gaussians.sh[:, 1:] = torch.from_numpy(rng.normal(0, 0.08, (700, 3, 3))).float()
     gaussians.quats.copy_(torch.from_numpy(rng.normal(size=(700, 4))).float())
@@ -56,14 +55,12 @@ def put_page_scene(
     poses = np.tile(np.eye(4), (count, 1, 1))
     poses[:, 0, 3] = np.linspace(-0.8, 0.8, count)
     poses[3] = np.nan
-    seen, how = np.nan_to_num(poses), {"sh_degree": 1, "background": None}
-    pictures = torch.stack([render(gaussians, CAMERA, pose, SETTINGS, **how)[0] for pose in seen])
     meant = np.digitize(gaussians.means[:, 0].numpy(), [-0.5, 0.5])
     words = encode_phrases(load_open_clip("small", "small", "cpu", "float32"), WORDS).numpy()
     vectors = words[meant]
     small = {"clip_model": "small", "clip_checkpoint": "small"}
     digest = model_hash(CLIP, small)
-    rgb = (pictures.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+    rgb = photographs(gaussians, np.nan_to_num(poses), CAMERA)
     write("frames", {"rgb": rgb, "train": np.ones(count, bool)}, camera_facts(CAMERA))
     arrays = {"camera_to_world": poses, "registered": np.isfinite(poses).all(axis=(1, 2)), "up": UP}
     write("poses", arrays | {"intrinsics": CAMERA.matrix}, camera_facts(CAMERA), made_from=["frames"])

@@ -12,18 +12,18 @@ import torch
 from egosplat.artifacts.provenance import begin
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.query.text import encode_phrases
 from egosplat.survey.stage import FORMAT_VERSION, write_survey
+from tests.support.gaussian_scene import SETTINGS, photographs
 from tests.support.scenes import camera_facts, digests, put
+from tests.support.tiny_clip import write_tiny_clip
 
 SIZE = 48
 CAMERA = Camera(SIZE, SIZE, 44.0, 44.0, SIZE / 2, SIZE / 2)
-RENDERING = RenderSettings(near_plane=0.1, background="black", backend="auto")
 SMALL = {"clip_model": "small", "clip_checkpoint": "small"}
 LIGHTER = 20
 """By so much the photograph of the right half, a cup that moves, is lighter than its render."""
@@ -65,12 +65,18 @@ def couch_and_cup() -> torch.Tensor:
 
 
 @pytest.fixture(scope="session")
+def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with description, vocabulary and checkpoint of an OpenCLIP of 8 channels, in half precision."""
+    return write_tiny_clip(tmp_path_factory.mktemp("clip"))
+
+
+@pytest.fixture(scope="session")
 def halves() -> Gaussians:
     """Opaque Gaussians on a plane 2 m ahead."""
     along = np.linspace(-1.6, 1.6, 24)
     xyz = np.stack(np.meshgrid(along, along, [2.0]), axis=-1).reshape(-1, 3)
     rgb = np.full((len(xyz), 3), 120, np.uint8)
-    gaussians = from_points(xyz, rgb, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians = from_points(xyz, rgb, sh_degree=0, max_points=1000, seed=0)
     gaussians.logit_opacities.fill_(4.0)
     return gaussians
 
@@ -102,8 +108,7 @@ def word_scene_in(halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..
     ) -> Path:
         write = partial(put, folder, origin=origin)
         clip_hash = clip_hash or model_hash(CLIP, SMALL)
-        picture, _, _ = render(halves, CAMERA, np.eye(4), RENDERING, sh_degree=0, background=None)
-        photograph = (picture.clamp(0, 1) * 255).round().to(torch.uint8).numpy()
+        [photograph] = photographs(halves, np.eye(4)[None], CAMERA)
         lighter = photograph.copy()
         lighter[:, SIZE // 2 :] += LIGHTER
         meant = couch_and_cup.numpy()[(halves.means[:, 0] > 0).int().numpy()]
@@ -142,7 +147,7 @@ def word_scene_in(halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..
         held_out = {"held_out/frame": np.arange(1, 1 + len(renders)), "held_out/render": renders}
         facts = {"camera": asdict(CAMERA), "sh_degree_in_use": 0, "views": {"training": 2}}
         facts |= {"highlight_compression": 0.0} if corrections else {}
-        arrays, options = stored | held_out | dict(corrections or {}), asdict(RENDERING) | {"seed": 3}
+        arrays, options = stored | held_out | dict(corrections or {}), asdict(SETTINGS) | {"seed": 3}
         write("splats", arrays, facts, options=options, made_from=["frames", "poses"])
         share = np.tile(np.float32([0, 1]), (len(meant), 1))
         arrays = {"code": np.stack([np.zeros_like(meant), meant], axis=1), "share": share}

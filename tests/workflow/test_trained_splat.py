@@ -9,8 +9,8 @@ from PIL import Image
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import SPLATS
 from egosplat.gaussians.initialization import from_points
-from egosplat.gaussians.render import RenderSettings, render
 from egosplat.geometry import Camera
+from tests.support.gaussian_scene import photographs
 from tests.support.splat_files import gsplat_columns, ply, write
 
 CAMERA = Camera(96, 96, 88.0, 88.0, 48.0, 48.0)
@@ -23,18 +23,15 @@ def splat(tmp_path):
     random = np.random.default_rng(0)
     points = random.uniform([-1.5, -1.5, 1.8], [1.5, 1.5, 2.2], (80, 3))
     colors = random.integers(256, size=(80, 3), dtype=np.uint8)
-    gaussians = from_points(points, colors, sh_degree=1, feature_channels=0, max_points=99, seed=0)
+    gaussians = from_points(points, colors, sh_degree=1, max_points=99, seed=0)
     gaussians.logit_opacities.fill_(3.0)
     folder = tmp_path / "project"
     (folder / "images").mkdir(parents=True)
-    frames = []
-    for number, shift in enumerate(np.linspace(-0.4, 0.4, 6)):
-        pose = np.eye(4)
-        pose[0, 3] = shift
-        settings = RenderSettings(0.1, "black", "auto")
-        picture = render(gaussians, CAMERA, pose, settings, sh_degree=1, background=None)[0]
-        Image.fromarray((picture.clamp(0, 1) * 255).byte().numpy()).save(folder / f"images/{number}.png")
-        opengl = (pose * [1, -1, -1, 1]).tolist()
+    frames, poses = [], np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 0, 3] = np.linspace(-0.4, 0.4, 6)
+    for number, picture in enumerate(photographs(gaussians, poses, CAMERA)):
+        Image.fromarray(picture).save(folder / f"images/{number}.png")
+        opengl = (poses[number] * [1, -1, -1, 1]).tolist()
         frames.append({"file_path": f"images/{number}.png", "transform_matrix": opengl})
     lens = {"w": 96, "h": 96, "fl_x": 88, "fl_y": 88, "cx": 48, "cy": 48}
     (folder / "transforms.json").write_text(json.dumps({**lens, "frames": frames}))

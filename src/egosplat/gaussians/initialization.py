@@ -82,7 +82,6 @@ def starting_gaussians(
         xyz,
         rgb,
         sh_degree=sh_degree,
-        feature_channels=0,
         max_points=max_points,
         seed=seed,
         near_plane=near_plane,
@@ -226,14 +225,13 @@ def from_points(
     rgb: Colors,
     *,
     sh_degree: int,
-    feature_channels: int,
     max_points: int,
     seed: int,
     near_plane: float = 0.1,
 ) -> Gaussians:
     """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
     Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1,
-    rotation the identity; features and SH coefficients above degree 0 are zero. ValueError: wrong shape or
+    rotation the identity; SH coefficients above degree 0 are zero, and there are no features. ValueError: wrong shape or
     dtype. UserError: no point is finite in float32. ``xyz``, ``rgb``: (P, 3) float64 world points [m],
     duplicates allowed, and (P, 3) uint8. ``near_plane``: smallest camera z [m], the unit of the least
     sizes."""
@@ -254,7 +252,7 @@ def from_points(
         log_scales=log_scales[:, None].repeat(1, 3),
         logit_opacities=torch.full((count,), INITIAL_OPACITY).logit(),
         sh=sh,
-        features=torch.zeros(count, feature_channels),
+        features=torch.zeros(count, 0),
     )
 
 

@@ -68,14 +68,22 @@ class Adam:
         else:
             self._ever_visible |= visible
         self.step_count += 1
-        grads = {name: _gradient_rows(p) for name, p in self.gaussians.parameters().items()}
+        given = {
+            name: torch.zeros_like(p) if p.grad is None else p.grad
+            for name, p in self.gaussians.parameters().items()
+        }
+        grads = {name: as_rows(grad.contiguous()) for name, grad in given.items()}
         broken = broken_rows(list(grads.values()))
         self.skipped_rows += len(broken)
         parameters = [parameter.detach() for parameter in self.gaussians.parameters().values()]
         changed = [*parameters, *self._exp_avg.values(), *self._exp_avg_sq.values()]
         # Saved because the step below updates all rows.
         before = [tensor[broken] for tensor in changed]
-        rows = self._rows_to_step()
+        # Rows that were never visible are left out, but not on a GPU: finding them takes longer there than updating all.
+        rare = (
+            self._ever_visible.device.type == "cpu" and self._ever_visible.float().mean() < _WORTH_GATHERING
+        )
+        rows = self._ever_visible.nonzero().squeeze(1) if rare else None
         for name in PARAMETERS:
             self._step_parameter(name, grads[name], rows)
         # Rows are independent: only the broken ones need restoring.
@@ -129,13 +137,6 @@ class Adam:
                 raise ValueError(f"{name} {tuple(parameter.shape)} is not contiguous")
         self.gaussians = gaussians
 
-    def _rows_to_step(self) -> Tensor | None:
-        """Return the indices of the rows to update, or None to update all rows without gathering."""
-        # On a GPU, finding the rows takes longer than updating all: the CPU would wait for their number.
-        if self._ever_visible.device.type != "cpu" or self._ever_visible.float().mean() >= _WORTH_GATHERING:
-            return None
-        return self._ever_visible.nonzero().squeeze(1)
-
     def _step_parameter(self, name: str, grad: Tensor, rows: Tensor | None) -> None:
         state = getattr(self.gaussians, name).detach(), self._exp_avg[name], self._exp_avg_sq[name]
         param, exp_avg, exp_avg_sq = map(as_rows, state)
@@ -158,12 +159,6 @@ class Adam:
             rates[0] = self.learning_rates.sh_dc
             self._sh_rates = rates.flatten().to(self.gaussians.sh.device)
         return self._sh_rates
-
-
-def _gradient_rows(parameter: Tensor) -> Tensor:
-    """Return the (N, columns) gradient, contiguous; zeros if there is none."""
-    grad = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad
-    return as_rows(grad.contiguous())
 
 
 def _with_zero_rows(tensor: Tensor, count: int) -> Tensor:

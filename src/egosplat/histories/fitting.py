@@ -48,7 +48,7 @@ def start_points(end: End, views: Sequence[PlaceView], recording: Recording) -> 
         total[inside] += view.picture[row, column]
         count[inside] += 1
     colors = np.where(count > 0, total / np.maximum(count, 1), 127.0).astype(np.uint8)
-    how = {"feature_channels": 0, "max_points": _POINTS, "seed": recording.seed}
+    how = {"max_points": _POINTS, "seed": recording.seed}
     degree, near_plane = recording.gaussians.sh_degree, recording.settings.near_plane
     made = from_points(points, colors, sh_degree=degree, near_plane=near_plane, **how)
     return made.to(recording.gaussians.means.device)

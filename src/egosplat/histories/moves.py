@@ -134,14 +134,11 @@ def _carries(run: Sightings, seconds: Array) -> Iterator[Carry]:
         way = [*carry.seen.center[carry.moving], carry.end]
         far = np.linalg.norm(way - (carry.start if begin > after else way[0]), axis=1).max()
         if end - begin >= _LEAST_FRAMES - 1 and far > _FAR * carry.size:
-            yield replace(carry, lost=_is_fast(run.center[:end], time[:end], carry.size))
-
-
-def _is_fast(centers: Array, time: Array, size: float) -> bool:
-    """Whether a thing of this size is fast where it is seen last."""
-    before = np.flatnonzero(time[-1] - time >= _FAST_S)[-1:]
-    step, seconds = centers[-1] - centers[before], time[-1] - time[before]
-    return bool((np.linalg.norm(step, axis=1) > _FAST * size * seconds).any())
+            # It is lost where it is fast when it is seen last.
+            earlier = np.flatnonzero(time[end - 1] - time[:end] >= _FAST_S)[-1:]
+            step, span = run.center[end - 1] - run.center[earlier], time[end - 1] - time[earlier]
+            lost = bool((np.linalg.norm(step, axis=1) > _FAST * carry.size * span).any())
+            yield replace(carry, lost=lost)
 
 
 def _moving(run: Sightings, time: Array) -> NDArray[np.bool_]:

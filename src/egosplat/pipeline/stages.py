@@ -7,7 +7,6 @@ entry point of the group ``egosplat.plugins`` names a module with ``STAGES``, ``
 
 import functools
 import tomllib
-from collections.abc import Iterator
 from importlib import import_module, metadata
 from pathlib import Path
 from types import ModuleType
@@ -32,21 +31,17 @@ _WHEN = {
 }
 
 
-def _read_stages() -> Iterator[Stage]:
-    """Read the stages of this package from ``stages.toml``."""
-    for name, row in tomllib.loads(Path(__file__).with_name("stages.toml").read_text()).items():
-        given = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
-        yield Stage(**{"name": name, "output": f"{name}.zarr", **given})
-
-
 # Of this distribution alone: entry points of all installed ones take as long as the rest of the start.
 _POINTS = metadata.distribution("egosplat").entry_points.select(group="egosplat.plugins")
 PLUGINS = [point.load() for point in _POINTS]
 
 
 def _with_plugins() -> dict[str, Stage]:
-    """Get the stages by name in the order of the pipeline, with those of the packages beside this one."""
-    stages = [*_read_stages()]
+    """Get the stages by name in the order of the pipeline: those of ``stages.toml``, and of the packages beside this one."""
+    stages = []
+    for name, row in tomllib.loads(Path(__file__).with_name("stages.toml").read_text()).items():
+        given = {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+        stages.append(Stage(**{"name": name, "output": f"{name}.zarr", **given}))
     for stage in (stage for plugin in PLUGINS for stage in plugin.STAGES):
         stages.insert([other.name for other in stages].index(stage.before), stage)
     found = {stage.name: stage for stage in stages}

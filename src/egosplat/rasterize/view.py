@@ -18,7 +18,7 @@ class View:
     """N Gaussians in front of one camera. The functions of this module raise as ``api.rasterization`` does.
 
     Attributes:
-        means, quats, scales, opacities, width, height, near_plane, rasterize_mode, backend: as in ``api.rasterization``.
+        means, quats, scales, opacities, width, height, near_plane, backend: as in ``api.rasterization``.
         viewmat: (4, 4) world_to_camera, OpenCV axes.
         K: (3, 3) intrinsics [px].
     """
@@ -32,7 +32,6 @@ class View:
     width: int
     height: int
     near_plane: float = 0.1
-    rasterize_mode: str = "classic"
     backend: str = "auto"
 
     @property
@@ -56,7 +55,6 @@ class View:
             self.width,
             self.height,
             near_plane=self.near_plane,
-            rasterize_mode=self.rasterize_mode,
         )
         check(arguments)
         return arguments

@@ -75,7 +75,11 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     times_ns, registered = frames.read("timestamp_ns"), poses.read("registered")
     camera_to_world, points = poses.read("camera_to_world"), poses.read("points/xyz")
     valid, shown, camera = _working_view(frames, poses)
-    unit = _unit_of(poses, camera_to_world[registered])
+    # The unit of the default depths: a meter, or the way between the outermost of the cameras if no scale is known.
+    spread = (
+        float(np.linalg.norm(np.ptp(camera_to_world[registered, :3, 3], axis=0))) if registered.any() else 0.0
+    )
+    unit = spread if spread > 0 and length_unit(poses) != "m" else 1.0
     depths = views.median_depths(camera, camera_to_world, registered, points)
     pairs = views.choose_pairs(times_ns, registered)
     count = len(pairs)
@@ -146,9 +150,3 @@ def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[i
 def _gray(rgb: NDArray[np.uint8], size: tuple[int, ...]) -> Gray:
     small = cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
     return np.asarray(small, np.uint8)
-
-
-def _unit_of(poses: Artifact, registered: Array) -> float:
-    """The unit of the default depths: a meter, or the way between the outermost of the cameras if no scale is known."""
-    spread = float(np.linalg.norm(np.ptp(registered[:, :3, 3], axis=0))) if len(registered) else 0.0
-    return spread if spread > 0 and length_unit(poses) != "m" else 1.0

@@ -45,7 +45,12 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
         "provenance": record.record(),
     }
     write_survey(output, document)
-    _log_summary(document)
+    camera, views = document["camera"], document["views"]
+    log(f"motion: {document['motion']['verdict']}")
+    refined, compensated = camera["refine_poses"], camera["compensate_exposure"]
+    wanted = ["poses are refined"] * refined + ["exposure is compensated"] * compensated
+    log(f"camera: {', '.join(wanted) or 'needs no correction'}")
+    log(f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped: too small a view change")
 
 
 def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any]:
@@ -63,15 +68,6 @@ def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any
         "median_depth_m": median(depths),
         "digest": digest_of_frames(kept_frames),
     }
-
-
-def _log_summary(document: dict[str, Any]) -> None:
-    camera, views = document["camera"], document["views"]
-    log(f"motion: {document['motion']['verdict']}")
-    refined, compensated = camera["refine_poses"], camera["compensate_exposure"]
-    wanted = ["poses are refined"] * refined + ["exposure is compensated"] * compensated
-    log(f"camera: {', '.join(wanted) or 'needs no correction'}")
-    log(f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped: too small a view change")
 
 
 def write_survey(output: Path, document: Survey) -> None:

@@ -10,13 +10,12 @@ from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import l1_ssim
-from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.pipeline.shared_options import CameraOptions
+from tests.support.gaussian_scene import SETTINGS
 
 BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
-SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 
 
 @pytest.mark.numerics("pose correction: rotation vectors of 0 to 2 pi rad, 1e-300 included", within=1e-14)
@@ -45,7 +44,7 @@ def test_one_frame(brightness):
     views = one_frame(brightness)
     rng = np.random.default_rng(0)
     xyz, rgb = rng.uniform([-1, -1, 1.8], [1, 1, 2.2], (40, 3)), np.full((40, 3), 120, np.uint8)
-    start = from_points(xyz, rgb, sh_degree=0, feature_channels=0, max_points=40, seed=0)
+    start = from_points(xyz, rgb, sh_degree=0, max_points=40, seed=0)
     corrections = make_corrections(BOTH, start, views, 0.1, 100)
     corrections.camera_to_world(0)
     corrections.exposed(torch.rand(24, 24, 3), views.picture(0)).sum().backward()
@@ -95,9 +94,7 @@ def test_compression(color, log_gain, compression):
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_broken_gradient(value):
     views = one_frame(100)
-    start = from_points(
-        np.ones((3, 3)), np.zeros((3, 3), np.uint8), sh_degree=0, feature_channels=0, max_points=3, seed=0
-    )
+    start = from_points(np.ones((3, 3)), np.zeros((3, 3), np.uint8), sh_degree=0, max_points=3, seed=0)
     corrections = make_corrections(BOTH, start, views, 0.1, 100)
     (corrections.camera_to_world(0).sum() * value).backward()
     corrections.step(0, 1)

@@ -153,9 +153,7 @@ def test_resets(measured):
 @given(seed=st.integers(0, 999), count=st.integers(2, 60), exponent=st.floats(-3, 6))
 def test_starting_sizes(measured, seed, count, exponent):
     points = np.random.default_rng(seed).normal(size=(count, 3)) * 10.0**exponent
-    start = from_points(
-        points, np.zeros((count, 3), np.uint8), sh_degree=0, feature_channels=0, max_points=99, seed=0
-    )
+    start = from_points(points, np.zeros((count, 3), np.uint8), sh_degree=0, max_points=99, seed=0)
     distance = np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1)[:, 1:4].astype(
         np.longdouble
     )
@@ -183,7 +181,7 @@ def test_rotation_matrices_match_float64_at_any_length(measured, exponent, seed)
 )
 @pytest.mark.parametrize("value", [math.nan, math.inf, -3.5e38])
 def test_starting_points_beyond_float32(value):
-    keys = {"sh_degree": 0, "feature_channels": 0, "max_points": 9, "seed": 0}
+    keys = {"sh_degree": 0, "max_points": 9, "seed": 0}
     points = np.array([[0.0, 0.0, 1.0], [0.0, value, 2.0], [0.0, 0.0, 3.0]])
     rgb = np.array([[0] * 3, [50] * 3, [100] * 3], np.uint8)
     start = from_points(points, rgb, **keys)

@@ -8,16 +8,10 @@ import numpy as np
 import pytest
 
 from tests.support.scenes import LEVELS, put
-from tests.support.tiny_clip import CHECKPOINT, write_tiny_clip
+from tests.support.tiny_clip import CHECKPOINT
 
 SIZE = 40
 FRAME_COUNT = 5
-
-
-@pytest.fixture(scope="session")
-def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with an OpenCLIP model whose features have 8 channels."""
-    return write_tiny_clip(tmp_path_factory.mktemp("clip"))
 
 
 @pytest.fixture

@@ -23,23 +23,16 @@ from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import render
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.geometry import make_pose
 from egosplat.pipeline.shared_options import CameraOptions
-from tests.support.gaussian_scene import CAMERA, Stopped, StoppingCheckpoint, views_of
+from tests.support.gaussian_scene import CAMERA, SETTINGS, Stopped, StoppingCheckpoint, views_of
 
 OFF = CameraOptions(refine_poses="off", compensate_exposure="off")
 BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
-SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
-OPTIONS = TrainingOptions(
-    render=SETTINGS,
-    iterations=60,
-    max_gaussians=60,
-    evaluate_every=30,
-    seed=3,
-)
+OPTIONS = TrainingOptions(render=SETTINGS, iterations=60, max_gaussians=60, evaluate_every=30, seed=3)
 
 
 def view_sets(pictures, poses) -> ViewSets:
@@ -49,14 +42,14 @@ def view_sets(pictures, poses) -> ViewSets:
 
 @pytest.fixture
 def start(points):
-    return from_points(*points, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    return from_points(*points, sh_degree=0, max_points=1000, seed=0)
 
 
 @pytest.mark.parametrize("backend", ["cpu", "reference"])
 def test_the_gradient_of_a_pose_is_that_of_finite_differences(points, camera_to_world, backend):
     # At depths far apart, so that no step changes the order in which Gaussians are composited.
     xyz = points[0][:5] * np.linspace(0.5, 1.5, 5)[:, None]
-    few = from_points(xyz, points[1][:5], sh_degree=0, feature_channels=0, max_points=9, seed=0)
+    few = from_points(xyz, points[1][:5], sh_degree=0, max_points=9, seed=0)
     few.logit_opacities.fill_(2.0)
     pose = torch.from_numpy(camera_to_world[2])
     weights = torch.linspace(-1.0, 2.0, 24, dtype=torch.float64)[:, None, None] * torch.ones(1, 24, 3)

@@ -11,9 +11,7 @@ from egosplat.evaluation.evaluation_frames import region_scores
 from egosplat.gaussians.evaluation import evaluate, rendered
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Views
-from tests.support.gaussian_scene import views_of
-
-OPTIONS = RenderSettings(near_plane=0.1, background="black", backend="auto")
+from tests.support.gaussian_scene import SETTINGS, views_of
 
 
 @pytest.fixture
@@ -28,7 +26,7 @@ def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
     moved = views.camera_to_world.copy()
     moved[:, 1, 3] += 0.1
     renders = {}
-    scores = evaluate(truth, replace(lens, camera_to_world=moved), OPTIONS, 0, renders.__setitem__)
+    scores = evaluate(truth, replace(lens, camera_to_world=moved), SETTINGS, 0, renders.__setitem__)
     for index, render in renders.items():
         found = region_scores(render, views.pictures[index].numpy(), valid, {"all": valid})["all"]
         assert (found.psnr, found.ssim) == (scores.psnr[index], scores.ssim[index])
@@ -37,16 +35,16 @@ def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
 
 def test_the_true_gaussians_render_the_pictures(truth, views):
     shown = {}
-    scores = evaluate(truth, views, OPTIONS, 0, shown.__setitem__)
+    scores = evaluate(truth, views, SETTINGS, 0, shown.__setitem__)
     assert scores.psnr.min() > 50 and scores.ssim.min() > 0.999  # pictures have 8 bits
     assert scores.mean_psnr == pytest.approx(scores.psnr.mean())
     assert sorted(shown) == [0, 1] and shown[1].dtype == np.uint8
     np.testing.assert_array_equal(shown[1], views.pictures[1].numpy())
     moved = views.camera_to_world.copy()
     moved[:, 1, 3] += 0.3
-    worse = evaluate(truth, replace(views, camera_to_world=moved), OPTIONS, 0)
+    worse = evaluate(truth, replace(views, camera_to_world=moved), SETTINGS, 0)
     assert worse.psnr.max() < scores.psnr.min() - 10
-    nothing = evaluate(truth, replace(views, frame=views.frame[:0], pictures=views.pictures[:0]), OPTIONS, 0)
+    nothing = evaluate(truth, replace(views, frame=views.frame[:0], pictures=views.pictures[:0]), SETTINGS, 0)
     assert math.isnan(nothing.mean_psnr) and math.isnan(nothing.mean_ssim)
 
 

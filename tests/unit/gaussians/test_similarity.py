@@ -7,12 +7,10 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import render
 from egosplat.gaussians.similarity import moved, split_similarity
-from tests.support.gaussian_scene import CAMERA
+from tests.support.gaussian_scene import CAMERA, SETTINGS
 from tests.support.splats import colorful
-
-SETTINGS = RenderSettings(0.1, "black", "auto")
 
 
 def similarity(seed: int, scale: float) -> np.ndarray:

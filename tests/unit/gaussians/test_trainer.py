@@ -1,5 +1,6 @@
-"""The training loop learns, resumes identically, stops when it diverges, and passes its options on."""
+"""The training loop learns, resumes identically, stops when it diverges, passes its options on, and runs on the device that can."""
 
+import importlib.util
 from dataclasses import replace
 
 import numpy as np
@@ -7,21 +8,17 @@ import pytest
 import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
+from egosplat.errors import UserError
+from egosplat.gaussians import device
+from egosplat.gaussians.device import training_device
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import STOCK, TrainingOptions
 from egosplat.gaussians.trainer import TrainingState, ViewSets, draw_background, resume_and_train
-from tests.support.gaussian_scene import views_of
+from tests.support.gaussian_scene import SETTINGS, views_of
 
-OPTIONS = TrainingOptions(
-    render=RenderSettings(near_plane=0.1, background="black", backend="auto"),
-    iterations=60,
-    max_gaussians=80,
-    evaluate_every=20,
-    seed=3,
-)
+OPTIONS = TrainingOptions(render=SETTINGS, iterations=60, max_gaussians=80, evaluate_every=20, seed=3)
 EXTENT = 1.0
 
 
@@ -35,7 +32,7 @@ def view_sets(pictures, camera_to_world) -> ViewSets:
 def start(points) -> Gaussians:
     xyz, rgb = points
     grey = np.full_like(rgb, 128)
-    return from_points(xyz, grey, sh_degree=1, feature_channels=0, max_points=1000, seed=0)
+    return from_points(xyz, grey, sh_degree=1, max_points=1000, seed=0)
 
 
 @pytest.fixture
@@ -123,3 +120,29 @@ def test_nothing_is_scored_just_after_a_reset(trained):
     every = list(range(begins, 13, begins))
     assert trained(**options).curves.evaluated == every
     assert trained(**options, reset_at_start=True).curves.evaluated == every[1:]
+
+
+@pytest.fixture
+def broken_gsplat(monkeypatch):
+    """A machine with a GPU and an installed gsplat that cannot compile itself."""
+
+    def fails() -> None:
+        raise UserError("backend cuda: gsplat found no CUDA toolkit")
+
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: object())
+    monkeypatch.setattr(device, "load_gsplat", fails)
+
+
+def test_auto_takes_a_gpu_that_renders_or_says_why_not(broken_gsplat, capsys, monkeypatch):
+    """An environment may have gsplat for the tests, and no nvcc."""
+    assert training_device("auto").type == "cpu"
+    assert "gsplat found no CUDA toolkit" in capsys.readouterr().err
+    monkeypatch.setattr(device, "load_gsplat", lambda: object())
+    assert training_device("auto").type == "cuda"
+
+
+def test_only_a_gpu_that_is_asked_for_must_render(broken_gsplat):
+    with pytest.raises(UserError, match="no CUDA toolkit"):
+        training_device("cuda")
+    assert training_device("cpu").type == training_device("reference").type == "cpu"

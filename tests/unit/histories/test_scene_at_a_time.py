@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from egosplat.errors import UserError
-from egosplat.gaussians.render import RenderSettings
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.query.command import run
@@ -18,11 +17,11 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from tests.support.blobs import blobs
+from tests.support.gaussian_scene import SETTINGS
 from tests.support.page_scene import put_histories
 from tests.support.sightings import make_rests
 
 CAMERA, EYE = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 TEXTS = Texts(("wall", "cup"), torch.eye(4)[:2], torch.eye(4)[2:3])
 OPTIONS = LANGSPLAT.change(box_filter=0.0)
 

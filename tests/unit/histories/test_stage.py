@@ -18,6 +18,7 @@ from egosplat.histories.stage import _features_of_carries, run
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.text import encode_phrases
+from tests.support.gaussian_scene import photographs
 from tests.support.page_scene import CAMERA, SETTINGS, wall
 from tests.support.scenes import camera_facts, put
 
@@ -33,8 +34,7 @@ INPUTS = ("frames", "poses", "instances", "view_features", "splats")
 def made(tmp_path_factory):
     """A folder with what the stage reads."""
     folder, side, gaussians = tmp_path_factory.mktemp("histories"), CAMERA.width, wall()
-    empty, _, _ = render(gaussians, CAMERA, np.eye(4), SETTINGS, sh_degree=1, background=None)
-    rgb = np.tile((empty.clamp(0, 1) * 255).round().to(torch.uint8).numpy(), (COUNT, 1, 1, 1))
+    rgb = np.tile(photographs(gaussians, np.eye(4)[None], CAMERA), (COUNT, 1, 1, 1))
     labels = np.full((COUNT, 1, side, side), -1, np.int32)
     for frame, column in enumerate(COLUMNS.astype(int)):
         part = np.s_[frame, 48 - HALF : 48 + HALF, column - HALF : column + HALF]

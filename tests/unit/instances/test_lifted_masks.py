@@ -13,7 +13,7 @@ from egosplat.instances.rendering import LEAST_BELIEF, render_things
 from egosplat.instances.scene import first_of_largest
 from egosplat.rasterize.view import composite
 from tests.support.blobs import blobs
-from tests.unit.conftest import RENDERING
+from tests.support.gaussian_scene import SETTINGS
 
 CAMERA = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
 LEFT, RIGHT, WHOLE = 3, 5, 9
@@ -26,12 +26,12 @@ def lifted(counted: np.ndarray | None = None) -> LiftedMasks:
     labels = np.full((2, 24, 32), WHOLE, np.int32)
     labels[0, :, :16], labels[0, :, 16:] = LEFT, RIGHT
     counts = np.ones((24, 32), bool) if counted is None else counted
-    return lift_masks(WALL, lambda _: (labels, counts), np.array([7]), np.eye(4)[None], CAMERA, RENDERING)
+    return lift_masks(WALL, lambda _: (labels, counts), np.array([7]), np.eye(4)[None], CAMERA, SETTINGS)
 
 
 def weights() -> np.ndarray:
     """(4,) summed compositing weights of the Gaussians."""
-    return composite(view_of(WALL, CAMERA, np.eye(4), RENDERING), torch.eye(4))[0].sum(dim=(0, 1)).numpy()
+    return composite(view_of(WALL, CAMERA, np.eye(4), SETTINGS), torch.eye(4))[0].sum(dim=(0, 1)).numpy()
 
 
 def test_all_weight_goes_to_the_mask_at_the_center():
@@ -49,8 +49,8 @@ def test_what_a_surface_hides_at_its_center_is_not_seen():
     hidden = blobs([[0, 0, 4], [0, 0, 2], [0, 0, 2.1]], [0.9, 0.9999, 0.9999], size=0.3)
     labels = np.full((1, 24, 32), LEFT, np.int32)
     look = lambda _: (labels, np.ones((24, 32), bool))
-    found = lift_masks(hidden, look, np.array([0]), np.eye(4)[None], CAMERA, RENDERING)
-    image, _ = composite(view_of(hidden, CAMERA, np.eye(4), RENDERING), torch.eye(3))
+    found = lift_masks(hidden, look, np.array([0]), np.eye(4)[None], CAMERA, SETTINGS)
+    image, _ = composite(view_of(hidden, CAMERA, np.eye(4), SETTINGS), torch.eye(3))
     assert float(image[..., 0].sum()) > 0.05
     assert found.seen[0, 0] == 0 and found.seen[0, 1] > 1
     assert found.votes.toarray()[0].tolist() == [0]
@@ -88,7 +88,7 @@ def scene() -> tuple[Gaussians, list[sparse.csr_array]]:
 
 def expected(gaussians: Gaussians, held: sparse.csr_array, pose: np.ndarray, size: tuple) -> np.ndarray:
     """The strongest thing of each pixel, from one image of all things."""
-    image, _ = composite(view_of(gaussians, SMALL, pose, RENDERING), torch.from_numpy(held.toarray()))
+    image, _ = composite(view_of(gaussians, SMALL, pose, SETTINGS), torch.from_numpy(held.toarray()))
     large = torch.nn.functional.interpolate(image.permute(2, 0, 1)[None], size, mode="bilinear")[0]
     highest, which = large.max(0)
     return torch.where(highest > LEAST_BELIEF, which, -1).numpy()
@@ -101,7 +101,7 @@ def test_things_are_drawn_as_if_all_were_rendered_at_once(size):
     for turn in (0.0, 2.0):
         pose = np.eye(4)
         pose[:3, :3] = [[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]]
-        found = render_things(gaussians, held, SMALL, pose, RENDERING, size)
+        found = render_things(gaussians, held, SMALL, pose, SETTINGS, size)
         assert found.shape == (2, *size) and found.dtype == np.int32
         for level, labels in enumerate(found):
             assert np.array_equal(labels, expected(gaussians, held[level], pose, size))
@@ -113,8 +113,8 @@ def test_a_level_without_things_and_a_view_of_nothing_have_no_label():
     far = np.eye(4)
     far[2, 3] = 100.0
     nothing = sparse.csr_array((COUNT, 0), dtype=np.float32)
-    assert (render_things(gaussians, [held[0], nothing], SMALL, far, RENDERING, SIZE) == -1).all()
-    assert (render_things(gaussians, [nothing], SMALL, np.eye(4), RENDERING, SIZE) == -1).all()
+    assert (render_things(gaussians, [held[0], nothing], SMALL, far, SETTINGS, SIZE) == -1).all()
+    assert (render_things(gaussians, [nothing], SMALL, np.eye(4), SETTINGS, SIZE) == -1).all()
 
 
 def test_the_largest_value_of_a_sparse_row_is_that_of_the_dense_row():

@@ -1,7 +1,6 @@
 """A wall of Gaussians, its left half one instance and its right half another, as artifacts and in memory."""
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,18 +13,15 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import render
 from egosplat.gaussians.training_views import Masking, open_masking
-from egosplat.geometry import Camera
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
+from tests.support.gaussian_scene import CAMERA, SIZE, photographs
 from tests.support.scenes import LEVELS, camera_facts, put
 from tests.unit.conftest import RENDERING
 
-SIZE = 24
 FRAME_COUNT = 5
 HELD_OUT = 2
-CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
 CLUSTERED = pytest.param(
     "clustered", marks=pytest.mark.skipif(not find_spec("sklearn"), reason="scikit-learn is absent")
 )
@@ -39,7 +35,7 @@ def wall() -> Gaussians:
     grid = np.stack(np.meshgrid(np.linspace(-1.6, 1.6, 16), np.linspace(-1.6, 1.6, 16), [2.0]), axis=-1)
     xyz = grid.reshape(-1, 3)
     rgb = np.random.default_rng(0).integers(256, size=(len(xyz), 3), dtype=np.uint8)
-    gaussians = from_points(xyz, rgb, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians = from_points(xyz, rgb, sh_degree=0, max_points=1000, seed=0)
     gaussians.logit_opacities.fill_(4.0)
     return gaussians
 
@@ -81,15 +77,8 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
     def make(
         target: str = "average", rows: list[tuple[int, int]] | None = None, levels: Sequence[int] = (1, 1, 0)
     ) -> Path:
-        look = partial(render, wall, CAMERA, settings=RENDERING, sh_degree=0, background=None)
         facts = camera_facts(CAMERA)
-        frames = {
-            "rgb": (torch.stack([look(pose)[0] for pose in camera_to_world]).clamp(0, 1) * 255)
-            .round()
-            .to(torch.uint8)
-            .numpy(),
-            "train": np.arange(FRAME_COUNT) != HELD_OUT,
-        }
+        frames = {"rgb": photographs(wall, camera_to_world), "train": np.arange(FRAME_COUNT) != HELD_OUT}
         poses = {
             "camera_to_world": camera_to_world,
             "intrinsics": CAMERA.matrix,

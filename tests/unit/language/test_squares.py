@@ -59,7 +59,7 @@ def squares():
     grid = np.stack(np.meshgrid(side, side, [2.0]), axis=-1).reshape(-1, 3)
     xyz = np.concatenate([grid + [-0.9, 0, 0], grid + [0.9, 0, 0]])
     black = np.zeros((len(xyz), 3), np.uint8)
-    gaussians = from_points(xyz, black, sh_degree=0, feature_channels=0, max_points=1000, seed=0)
+    gaussians = from_points(xyz, black, sh_degree=0, max_points=1000, seed=0)
     gaussians.logit_opacities.fill_(4.0)
     return gaussians
 

@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 
 from egosplat.models.checkpoints import SMALL_SAM2
 from egosplat.models.sam2_loader import build_predictor
-from tests.support.tiny_clip import DESCRIPTION, save_half, write_tiny_clip
+from tests.support.tiny_clip import DESCRIPTION, save_half
 
 SIZES = {
     "image_size": 256,
@@ -87,12 +87,6 @@ def tiny_sam2(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(0)
     save_half(build_predictor(folder / "sam2.yaml"), folder / "model.safetensors")
     return folder
-
-
-@pytest.fixture(scope="session")
-def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with description, reduced vocabulary and checkpoint of an OpenCLIP model, in half precision."""
-    return write_tiny_clip(tmp_path_factory.mktemp("clip"))
 
 
 @pytest.fixture

@@ -1,6 +1,7 @@
 """OpenCLIP is loaded from a folder or by name, with its vocabulary; invalid files are reported."""
 
 import gzip
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -11,9 +12,11 @@ from safetensors.torch import load_file
 from torch import nn
 
 from egosplat.errors import UserError
+from egosplat.models.checkpoints import SMALL_CLIP
 from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.models.open_clip_loader import load_open_clip, read_description
 from egosplat.pipeline.config import merge
+from egosplat.query.text import encode_phrases
 
 
 def load(folder: Path, precision: str = "float32") -> OpenClip:
@@ -121,3 +124,19 @@ def test_a_fault_of_the_folder_is_reported(folder, description, edit, message):
     with pytest.raises(UserError, match=message) as caught:
         load(folder)
     assert not isinstance(edit, str) or "\n" not in str(caught.value)
+
+
+NAMES = ("couch", "television", "step stool", "house plant")
+NAMES += ("coffee table", "bowl", "refrigerator", "tea kettle")
+SYNONYMS = ("settee", "telly", "footstool", "shrub", "cocktail table", "basin", "icebox", "teapot")
+
+
+def test_synonyms_outside_of_the_captions_are_nearest_to_their_names() -> None:
+    clip = load_open_clip("small", "small", "cpu", "float32")
+    nearest = (encode_phrases(clip, SYNONYMS) @ encode_phrases(clip, NAMES).T).argmax(dim=-1)
+    assert nearest.tolist() == [*range(len(NAMES))]
+
+
+def test_the_model_card_names_the_checkpoint_s_hash() -> None:
+    digest = hashlib.sha256((SMALL_CLIP / "open_clip_model.safetensors").read_bytes()).hexdigest()
+    assert digest in (SMALL_CLIP / "MODEL_CARD.md").read_text()

@@ -7,7 +7,6 @@ import pytest
 import torch
 from scipy.spatial.transform import Rotation
 
-from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Camera, invert, make_pose, transform
 from egosplat.language.decoder import Decoder
@@ -18,6 +17,7 @@ from egosplat.query.text import Texts
 from egosplat.query.views import Asker, View, answer_from_codes, pixel_position
 from egosplat.rasterize.view import composite
 from tests.support.blobs import blobs
+from tests.support.gaussian_scene import SETTINGS
 
 SIZE = 48
 SQUARE = Camera(SIZE, SIZE, 40.0, 40.0, SIZE / 2, SIZE / 2)
@@ -78,7 +78,6 @@ def test_what_is_not_covered_is_no_answer_and_moves_no_threshold(view):
 
 
 CAMERA, EYE = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))
 READOUTS = ("gaussians", "pixels")
 PAIR = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])

@@ -1,7 +1,5 @@
 """What a view composites of sparse values, at single pixels and over all pixels is what the renderer has."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -23,17 +21,15 @@ CROWD.means[-1] = torch.nan
 BACKENDS = pytest.mark.parametrize("backend", ["cpu", "reference"])
 
 
-def view(gaussians=CROWD, backend: str = "cpu", antialiased: bool = False) -> View:
-    shown = view_of(gaussians, CAMERA, np.eye(4), RenderSettings(0.1, "black", backend))
-    return replace(shown, rasterize_mode="antialiased") if antialiased else shown
+def view(gaussians=CROWD, backend: str = "cpu") -> View:
+    return view_of(gaussians, CAMERA, np.eye(4), RenderSettings(0.1, "black", backend))
 
 
 def rendered(shown: View, values: Tensor) -> Tensor:
     """(H, W, X) by the renderer."""
     shape = shown.means, shown.quats, shown.scales, shown.opacities
     camera = shown.viewmat[None], shown.K[None], shown.width, shown.height
-    options = {"rasterize_mode": shown.rasterize_mode, "backend": shown.backend}
-    return api.rasterization(*shape, values, *camera, **options)[0][0]
+    return api.rasterization(*shape, values, *camera, backend=shown.backend)[0][0]
 
 
 def values_of(density: float) -> sparse.csr_array:
@@ -82,14 +78,13 @@ def test_rows_of_another_matrix_are_refused(begin, channel, value):
 
 
 @BACKENDS
-@pytest.mark.parametrize("antialiased", [False, True])
-def test_pixels_are_those_of_the_image(backend, antialiased):
+def test_pixels_are_those_of_the_image(backend):
     generator = torch.Generator().manual_seed(1)
     values = torch.randn(COUNT, 5, generator=generator).requires_grad_()
     pixels = (torch.rand(300, 2, generator=generator) * torch.tensor([67, 41])).long()
     pixels = torch.cat([pixels, torch.tensor([[0, 0], [66, 40]])])
     pull = torch.randn(302, 5, generator=generator)
-    shown = view(backend=backend, antialiased=antialiased)
+    shown = view(backend=backend)
     wanted = rendered(shown, values)[pixels[:, 1], pixels[:, 0]]
     found = pixel_renderer(shown, pixels)(values)
     assert float(wanted.detach().abs().max()) > 0.5

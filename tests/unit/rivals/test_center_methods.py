@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.training_views import Masking
 from egosplat.geometry import Camera
 from egosplat.language.lifting import lift
@@ -16,9 +15,9 @@ from egosplat.language.views import CodeViews
 from egosplat_rivals.occam import average_at_centers
 from egosplat_rivals.semantic_gaussians import EVERY, pixel_features, project_views
 from tests.support.blobs import blobs
+from tests.support.gaussian_scene import SETTINGS
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
-SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
 LEFT, RIGHT = [1.0, 0.0], [0.0, 1.0]
 
 

@@ -15,6 +15,7 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.export.gaussians import geometry_columns, write_ply
+from egosplat.export.spz import write_spz
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.similarity import moved
 from egosplat.splats import stage
@@ -172,7 +173,7 @@ def test_the_artifact_holds_the_gaussians_as_they_are_and_records_the_file(filme
 
 def test_an_export_comes_back(filmed, trained, tmp_path):
     write_ply(tmp_path / "scene.ply", geometry_columns(trained), "synthetic")
-    (tmp_path / "scene.spz").write_bytes(spz(trained, 3))
+    write_spz(tmp_path / "scene.spz", trained, 3)
     for name, psnr in (("scene.ply", 50), ("scene.spz", 30)):
         splats = run(filmed, tmp_path / name)
         assert splats.facts["source"]["world"] == "the recording's" and splats.read("held_out/psnr")[0] > psnr

@@ -1,7 +1,5 @@
 """The rasterizer in plain PyTorch: the definition that the other backends are tested against."""
 
-from typing import Any
-
 import torch
 from torch import Tensor
 
@@ -18,7 +16,7 @@ from egosplat.rasterize.contract import (
     shows_expected_depth,
     usable_gaussians,
 )
-from egosplat.rasterize.reference.projection import Projected, project
+from egosplat.rasterize.reference.projection import project
 from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 
 
@@ -46,7 +44,8 @@ def rasterization(arguments: Arguments) -> Render:
         )
         for viewmat, K in zip(a.viewmats, a.Ks, strict=True)
     ]
-    meta = _stack(projections)
+    names = ("means2d", "conics", "depths", "radii", "opacities")
+    meta = {name: torch.stack([getattr(each, name) for each in projections]) for name in names}
     seen_colors = [a.colors] * len(a.viewmats)
     if a.sh_degree is not None and shows_colors(a.render_mode):
         cameras = zip(camera_centers(a.viewmats), meta["radii"], strict=True)
@@ -104,11 +103,6 @@ def _finish(composited: Tensor, alpha: Tensor, backgrounds: Tensor | None, rende
     if shows_expected_depth(render_mode):
         depth = depth / alpha.clamp(min=MIN_DEPTH_ALPHA)
     return torch.cat([colors, depth], dim=-1)
-
-
-def _stack(projections: list[Projected]) -> dict[str, Any]:
-    names = ("means2d", "conics", "depths", "radii", "opacities")
-    return {name: torch.stack([getattr(each, name) for each in projections]) for name in names}
 
 
 # Side of a tile [px].
