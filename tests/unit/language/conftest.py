@@ -16,9 +16,8 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Masking, open_masking
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
-from tests.support.gaussian_scene import CAMERA, SIZE, photographs
+from tests.support.gaussian_scene import CAMERA, SETTINGS, SIZE, photographs
 from tests.support.scenes import LEVELS, camera_facts, put
-from tests.unit.conftest import RENDERING
 
 FRAME_COUNT = 5
 HELD_OUT = 2
@@ -132,6 +131,6 @@ def prepared(scene, unrefined, wall):
         masking = Masking(None, "")
         if masked:
             masking = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
-        return select_code_views(frames, poses, unrefined, targets.of, masking, gaussians, RENDERING), targets
+        return select_code_views(frames, poses, unrefined, targets.of, masking, gaussians, SETTINGS), targets
 
     return make

@@ -11,7 +11,7 @@ from egosplat.geometry import Camera
 from egosplat.language.centers import look_at_centers, median_depths
 from egosplat.rasterize.view import View, own_weights, pixel_lists
 from tests.support.blobs import blobs, crowd
-from tests.unit.conftest import RENDERING
+from tests.support.gaussian_scene import SETTINGS
 
 CAMERA = Camera(60, 40, 50.0, 50.0, 30.0, 20.0)
 
@@ -20,7 +20,7 @@ CROWD = crowd()
 
 
 def settings(backend: str) -> RenderSettings:
-    return replace(RENDERING, backend=backend)
+    return replace(SETTINGS, backend=backend)
 
 
 def dense(begin: torch.Tensor, ids: torch.Tensor, weights: torch.Tensor) -> torch.Tensor:
@@ -56,7 +56,7 @@ def test_kernels_list_what_the_reference_shows_in_float64():
 )
 def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, median):
     row = blobs([[0.0, 0.0, depth] for depth in depths], opacities)
-    found = look_at_centers(row, CAMERA, np.eye(4), RENDERING)
+    found = look_at_centers(row, CAMERA, np.eye(4), SETTINGS)
     assert found.pixel.tolist() == [[30, 20]] * len(depths)
     # The center lies at the corner of its pixel, half a pixel from the pixel's center.
     np.testing.assert_allclose(found.weight, weights, rtol=0.02, atol=0.01)
@@ -72,7 +72,7 @@ def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, 
     ],
 )
 def test_centers_behind_the_camera_and_outside_the_image_are_left_out(means, gaussian, pixel):
-    found = look_at_centers(blobs(means, [0.9] * len(means)), CAMERA, np.eye(4), RENDERING)
+    found = look_at_centers(blobs(means, [0.9] * len(means)), CAMERA, np.eye(4), SETTINGS)
     assert (found.gaussian.tolist(), found.pixel.tolist()) == (gaussian, pixel)
     assert found.weight.shape == found.median_depth.shape == (len(gaussian),)
 
@@ -98,4 +98,4 @@ def test_own_weights_are_those_of_the_lists(width, height):
 
 def test_own_weights_need_a_pixel_for_each_gaussian():
     with pytest.raises(ValueError, match=r"\(299, 2\).*\(300, 2\)"):
-        own_weights(view_of(CROWD, CAMERA, np.eye(4), RENDERING), torch.zeros(299, 2).long())
+        own_weights(view_of(CROWD, CAMERA, np.eye(4), SETTINGS), torch.zeros(299, 2).long())

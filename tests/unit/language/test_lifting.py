@@ -11,8 +11,8 @@ from egosplat.language.dominant import lift_instances, mean_of_dominant, target_
 from egosplat.language.lifting import lift
 from egosplat.language.rendering import render_codes
 from egosplat.rasterize.view import composite
+from tests.support.gaussian_scene import SETTINGS
 from tests.support.scenes import LEVELS
-from tests.unit.conftest import RENDERING
 from tests.unit.language.conftest import CAMERA, CODES, HELD_OUT
 
 
@@ -73,7 +73,7 @@ def test_votes_are_rendering_weights_at_centers(alone):
     votes, seen = target_votes(views, targets)
     expected, total = np.zeros((views.gaussians.count, 3)), np.zeros(views.gaussians.count)
     for frame, pose, image in zip(views.frame, views.camera_to_world, images, strict=True):
-        gaussian, pixel, _ = project_centers(views.gaussians, CAMERA, pose, RENDERING)
+        gaussian, pixel, _ = project_centers(views.gaussians, CAMERA, pose, SETTINGS)
         column, row = pixel.T
         own = image[row, column, gaussian].numpy()
         labels = targets.labels(int(frame)).numpy()[:, row, column]
@@ -127,7 +127,7 @@ def test_gaussians_in_no_view_get_no_code(wall, prepared):
 
 def test_rendered_codes_are_those_that_were_lifted(wall, prepared, camera_to_world, labels):
     lifted = lift(prepared()[0])
-    codes, coverage = render_codes(wall, *lifted, CAMERA, camera_to_world[HELD_OUT], RENDERING)
+    codes, coverage = render_codes(wall, *lifted, CAMERA, camera_to_world[HELD_OUT], SETTINGS)
     assert codes.shape == (2, 24, 24, 3) and coverage.shape == (2, 24, 24)
     nearest = torch.cdist(codes[1], torch.from_numpy(CODES[:2])[None]).argmin(dim=2).numpy()
     assert (nearest == labels[HELD_OUT, 1]).mean() > 0.95 and float(coverage.max()) <= 1.0 + 1e-5
@@ -138,7 +138,7 @@ def test_rendered_codes_are_those_that_were_lifted(wall, prepared, camera_to_wor
 def test_gaussians_without_share_do_not_contribute(wall, camera_to_world):
     shown = torch.arange(wall.count)[:, None] < wall.count // 2
     code = torch.where(shown[..., None], torch.tensor([1.0, 2.0]), 1e6)
-    codes, coverage = render_codes(wall, code, 0.25 * shown, CAMERA, camera_to_world[0], RENDERING)
+    codes, coverage = render_codes(wall, code, 0.25 * shown, CAMERA, camera_to_world[0], SETTINGS)
     values = codes[0][coverage[0] > 1e-6].numpy()
     assert len(values)
     np.testing.assert_allclose(values, np.tile([1.0, 2.0], (len(values), 1)), rtol=1e-3)

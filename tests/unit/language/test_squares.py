@@ -29,8 +29,8 @@ from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from egosplat_rivals import loop
 from egosplat_rivals.tile_views import TileViews, pyramid
+from tests.support.gaussian_scene import SETTINGS
 from tests.support.scenes import camera_facts, put, put_scene
-from tests.unit.conftest import RENDERING
 from tests.unit.language.conftest import (
     CAMERA,
     CLUSTERED,
@@ -94,7 +94,7 @@ def scene(tmp_path_factory, squares, camera_to_world, unrefined):
     put(folder, "features", arrays, about, options={"supervision": "view"}, made_from=["instances"])
     frames, poses, instances, found = open_features(folder)
     targets = CodeTargets(instances, found, CPU)
-    views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), squares, RENDERING)
+    views = select_code_views(frames, poses, unrefined, targets.of, Masking(None, ""), squares, SETTINGS)
     put_tiles(folder, camera_to_world)
     tiles = TileViews([open_artifact(folder / "tiles.zarr", TILES)], frames, CPU)
     return Scene(views, targets, tiles)
@@ -136,7 +136,7 @@ class Scene:
         decoder = coded.decoder or Decoder((8,), np.zeros(0, np.float32))
         camera, codes = self.views.camera, (coded.code, coded.share, decoder, coded.levels)
         texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
-        known = QueryScene(self.views.gaussians, RENDERING, camera, 0, *codes, coded.maps_only)
+        known = QueryScene(self.views.gaussians, SETTINGS, camera, 0, *codes, coded.maps_only)
         asker = Asker(known, texts, LANGSPLAT.change(readout=readout))
         return list(asker.ask(texts.phrases, camera, pose, None))
 
@@ -189,7 +189,7 @@ def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
     longer = {"iterations": 200, "lr": 0.06} if method == "granular" else {}
     coded = scene.coded(method, checkpoint, **longer)
     pose = camera_to_world[HELD_OUT]
-    rendered, _ = render_codes(scene.views.gaussians, coded.code, coded.share, CAMERA, pose, RENDERING)
+    rendered, _ = render_codes(scene.views.gaussians, coded.code, coded.share, CAMERA, pose, SETTINGS)
     square = square_of(pose, 0.15)
     for level, name in enumerate(coded.levels):
         codes = rendered[level]

@@ -10,9 +10,9 @@ import pytest
 from egosplat.pipeline import validation
 from tests.support.scores import OPTIONS
 from tests.unit.evaluation.conftest import annotations, instance_map, instances
-from tests.unit.features.conftest import clip_keys, labels, scene, tiny_clip
+from tests.unit.features.conftest import clip_keys, labels, scene
 
-__all__ = ("annotations", "clip_keys", "instance_map", "instances", "labels", "scene", "tiny_clip")
+__all__ = ("annotations", "clip_keys", "instance_map", "instances", "labels", "scene")
 
 
 def least(part: dict[str, Any], whole: dict[str, Any]) -> Any:
