@@ -8,7 +8,7 @@ from benchmarks.instances import growth
 from benchmarks.published_models import __main__ as published_models
 from tests.unit.models.conftest import tiny_sam2
 
-__all__ = ["tiny_clip", "tiny_sam2"]
+__all__ = ["tiny_sam2"]
 
 
 def run(command, *words) -> str:
