@@ -32,7 +32,7 @@ class Schedule:
     reset_at_start: bool = False
     sh_interval: int = 1_000
     position_lr_init: float = 1.6e-4
-    position_lr_final: float = 1.6e-6
+    position_lr_final: float = 1.6e-4 / 100
     position_lr_steps: int = 30_000
 
     def position_lr(self, iteration: int, extent: float) -> float:
@@ -111,10 +111,6 @@ def cut(schedule: Schedule, iterations: int) -> Schedule:
     )
 
 
-# 3DGS's initial learning rate of the means.
-POSITION_LR = 1.6e-4
-
-
 @dataclass(frozen=True, kw_only=True)
 class TrainingOptions:
     """Options of one training run.
@@ -129,7 +125,6 @@ class TrainingOptions:
         prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
         cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
         evaluate_every: iterations between two evaluations.
-        position_lr: initial learning rate of the means, per unit of scene extent; it decays to 1/100.
     """
 
     render: RenderSettings
@@ -149,7 +144,6 @@ class TrainingOptions:
     reset_at_start: bool = False
     prune_screen_px: float | None = None
     cuts_schedule: bool = False
-    position_lr: float = POSITION_LR
 
     @staticmethod
     def of(keys: Any, **others: Any) -> "TrainingOptions":
@@ -164,7 +158,4 @@ class TrainingOptions:
     def schedule(self) -> Schedule:
         """Return the schedule for ``iterations``."""
         stock = replace(STOCK, reset_at_start=self.reset_at_start)
-        # 3DGS's ratio: 1.6e-4 to 1.6e-6.
-        rates = {"position_lr_init": self.position_lr, "position_lr_final": self.position_lr / 100}
-        fitted = cut if self.cuts_schedule else scaled
-        return replace(fitted(stock, self.iterations), **rates)
+        return (cut if self.cuts_schedule else scaled)(stock, self.iterations)

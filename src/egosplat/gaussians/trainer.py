@@ -67,7 +67,7 @@ class TrainingState:
         """Create the state before the first iteration; ``start`` is not copied, ``extent`` is that of the scene [m]."""
         self.gaussians = start.requires_grad_()
         # 3DGS scales only the learning rate of the means, because only means have the unit of the scene.
-        self.optimizer = Adam(start, LearningRates(means=options.position_lr * extent))
+        self.optimizer = Adam(start, LearningRates(means=options.schedule.position_lr_init * extent))
         self.density = DensityControl(options, extent)
         self.objective = objective
         self.corrections = corrections

@@ -1,7 +1,6 @@
 """Training survives broken, empty and single-color input and excessive learning rates."""
 
 from dataclasses import asdict, replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -9,11 +8,11 @@ import torch
 
 from egosplat.errors import UserError
 from egosplat.gaussians import loss as objective
+from egosplat.gaussians import schedule
 from egosplat.gaussians import trainer as state
 from egosplat.gaussians.evaluation import Scores
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import LearningRates
-from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import pixel_weight
 from egosplat.language.targets import Targets, code_l1
 
@@ -149,12 +148,12 @@ def test_no_finite_gaussian(scene, run, left, monkeypatch):
 )
 @pytest.mark.parametrize(("positions", "others"), [(100, 1), (10_000, 1), (100, 100)])
 def test_learning_rates(scene, run, left, monkeypatch, positions, others):
-    faster = partial(TrainingOptions.of, position_lr=1.6e-4 * positions)
+    ends = {"position_lr_init": 1.6e-4 * positions, "position_lr_final": 1.6e-6 * positions}
 
     def rates(means: float) -> LearningRates:
         return LearningRates(**{name: others * rate for name, rate in asdict(LearningRates(means)).items()})
 
-    monkeypatch.setattr(TrainingOptions, "of", faster)
+    monkeypatch.setattr(schedule, "STOCK", replace(schedule.STOCK, **ends))
     monkeypatch.setattr(state, "LearningRates", rates)
     folder = scene()
     try:

@@ -100,8 +100,6 @@ def test_options_scale_the_schedule():
     stock = replace(OPTIONS, iterations=3000).schedule
     assert stock.densify_until == STOCK.densify_until // 10 and stock.position_lr_init == 1.6e-4
     assert replace(OPTIONS, iterations=3000, cuts_schedule=True).schedule.densify_until == 3000
-    faster = replace(OPTIONS, position_lr=1e-3).schedule
-    assert faster.position_lr_init == 1e-3 and faster.position_lr_final == pytest.approx(1e-5)
 
 
 def test_options_reach_density_control(trained):
