@@ -18,7 +18,6 @@ from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.histories.known import Histories, Rests
-from egosplat.histories.told import Carried
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.pipeline.home import ASKED, check_scene_folder
@@ -296,7 +295,9 @@ class Scene:
         things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
         coded = bool(things) or bool((self.trained.share > 0).any())
         answer = grades.judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded)
-        answer = replace(answer, history=self._history(query, options))
+        if not answer.untaught and self.histories is not None:
+            known = self.histories, query, self._words, options.temperature
+            answer = replace(answer, history=grades.find_history(*known))
         if answer.grade == grades.FOUND or answer.untaught or self.tracks is None:
             return answer
         moving = self.tracks.find(query, self._words, self.seconds, grading, options)
@@ -304,11 +305,6 @@ class Scene:
             return answer
         refusal = f"seen moving {moving.told}, with no place in 3D"
         return replace(answer, grade=grades.MOVING, refusal=refusal, things=(), moving=moving)
-
-    def _history(self, query: Texts, options: QueryOptions) -> tuple[Carried, ...]:
-        if (known := self.histories) is None or untaught_words(self.clip, query.phrases[0]):
-            return ()
-        return grades.find_history(known, query, self._words, options.temperature)
 
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
         """Encode phrases, each once, and the canonical phrases. Raises as ``ask``."""

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, shown_pixels
@@ -15,7 +14,7 @@ from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey import views
 from egosplat.survey.brightness import exposure_changes
-from egosplat.survey.pairs import Bools, Floats, Gray, detect_motion, match_images
+from egosplat.survey.pairs import Bools, Floats, detect_motion, match_images
 from egosplat.survey.rigid import View
 
 # Longest side of the images that flow is computed of [px].
@@ -88,9 +87,10 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     for row, (first, second) in enumerate(
         track(np.concatenate([pairs, revisits]).tolist(), "measuring motion", unit="pair")
     ):
-        images = [_gray(frames.row("rgb", frame), valid.shape[::-1]) for frame in (first, second)]
+        gray = (cv2.cvtColor(frames.row("rgb", frame), cv2.COLOR_RGB2GRAY) for frame in (first, second))
+        small = [cv2.resize(one, valid.shape[::-1], interpolation=cv2.INTER_AREA) for one in gray]
         pair_poses, here = (camera_to_world[first], camera_to_world[second]), shown(first)
-        match = match_images(images[0], images[1], here, camera.matrix, pair_poses, shown(second))
+        match = match_images(small[0], small[1], here, camera.matrix, pair_poses, shown(second))
         near = views.depth_quantile(camera, pair_poses[0], points, _NEAR_QUANTILE)
         view = View(
             intrinsics=camera.matrix,
@@ -145,8 +145,3 @@ def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[i
         return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 1 - 1e-6
 
     return shrink(full), lambda frame: shrink(shown_pixels(frames, frame, full)), camera
-
-
-def _gray(rgb: NDArray[np.uint8], size: tuple[int, ...]) -> Gray:
-    small = cv2.resize(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8)
