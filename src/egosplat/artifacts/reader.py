@@ -109,11 +109,12 @@ def open_artifact(path: Path, schema: Schema) -> Artifact:
     return _of_version(path, schema, group, attributes)
 
 
-def open_needed(path: Path | None, schema: Schema, by: str) -> Artifact:
-    """Open an artifact that a value of a key needs, such as ``splats.masking = refined`` (UserError: its path is not given)."""
-    if path is None:
-        raise UserError(f"{by} needs the {schema.name} artifact: give --{schema.name}")
-    return open_artifact(path, schema)
+def open_needed(by: str, *given: tuple[Path | None, Schema]) -> list[Artifact]:
+    """Open what a value of a key needs, such as ``splats.masking = refined`` (UserError: a path is not given)."""
+    if missing := [schema.name for path, schema in given if path is None]:
+        flags = " and ".join(f"--{name}" for name in missing)
+        raise UserError(f"{by} needs the artifact of {' and '.join(missing)}: give {flags}")
+    return [open_artifact(path, schema) for path, schema in given if path is not None]
 
 
 def open_any(path: Path, schemas: Mapping[str, Schema]) -> Artifact:

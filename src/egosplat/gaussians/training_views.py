@@ -212,6 +212,6 @@ def open_masking(
         )
     name, schema, array = _SOURCES[kind]
     path = {"transient": transient_path, "masks": masks_path}[name]
-    artifact = open_needed(path, schema, f"splats.masking = {kind}")
+    [artifact] = open_needed(f"splats.masking = {kind}", (path, schema))
     check_made_from(artifact, frames, axes=("frame", "height", "width"))
     return Masking(artifact, array, masked)

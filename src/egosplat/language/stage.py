@@ -59,8 +59,8 @@ def run(
     kept, by_survey = kept_frames(frames, survey_path)
     method: Method = load_module("language", name).METHOD
     paths = {"instances": instances_path, "features": features_path, "tiles": tiles_path}
-    by = f"language by method {name}"
-    learnt_from = [open_needed(paths[schema.name], schema, by) for schema in method.learns_from]
+    needed = [(paths[schema.name], schema) for schema in method.learns_from]
+    learnt_from = open_needed(f"language by method {name}", *needed)
     used = [frames, poses, splats, *masking.artifacts, *learnt_from]
     record = provenance.begin_from("language", options.as_dict() | by_survey, used, chosen=name)
     device = training_device(options.backend)

@@ -88,7 +88,7 @@ def _open_transient(path: Path | None, frames: Artifact, options: SegmentsOption
         return None
     if path is None and options.track_moving != "always":
         return None
-    transient = open_needed(path, TRANSIENT, "segments.track_moving = always")
+    [transient] = open_needed("segments.track_moving = always", (path, TRANSIENT))
     check_made_from(transient, frames, axes=("frame", "height", "width"))
     return transient
 

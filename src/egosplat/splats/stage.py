@@ -87,7 +87,7 @@ def run(
     language_inputs = []
     if options.language == "joint":
         codes = (instances_path, INSTANCES), (features_path, FEATURES)
-        language_inputs = [open_needed(*each, "splats.language = joint") for each in codes]
+        language_inputs = open_needed("splats.language = joint", *codes)
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
     record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
