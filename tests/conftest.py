@@ -252,6 +252,34 @@ def one_scene(tmp_path: Path) -> Callable[..., Workdir]:
     return make
 
 
+@pytest.fixture
+def run_command(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> Callable[..., tuple[int, str, str]]:
+    """``run_command(*words)``: a command of ``egosplat`` in this process: exit status, what it printed, and what it complained of."""
+    from egosplat import cli
+
+    def run(*words: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["egosplat", *map(str, words)])
+        status = 0
+        try:
+            cli.main()
+        except SystemExit as end:
+            status = int(end.code or 0)
+        printed = capfd.readouterr()
+        return status, printed.out, printed.err
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def clip() -> Any:
+    """The bundled OpenCLIP."""
+    from egosplat.models.open_clip_loader import load_open_clip
+
+    return load_open_clip("small", "small", "cpu", "float32")
+
+
 @pytest.fixture(scope="session")
 def page_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``results/scene1``: the small scene of the scene page, and its page. Tests must not change it."""

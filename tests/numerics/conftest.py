@@ -54,6 +54,13 @@ a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) 
 """
 
 
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Skip the code hash and waiting for the disk, which take longer than the tests."""
+    monkeypatch.setattr("egosplat.artifacts.provenance.code_of", lambda *_: "0")
+    monkeypatch.setattr("egosplat.files._sync_one", lambda path: None)
+
+
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--numerics-table", metavar="PATH", help="write the table of the numerics tests there")
 

@@ -29,6 +29,19 @@ LIGHTER = 20
 """By so much the photograph of the right half, a cup that moves, is lighter than its render."""
 
 
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working directory."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture(scope="session")
+def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with description, reduced vocabulary and half-precision checkpoint of an OpenCLIP model of 8 channels."""
+    return write_tiny_clip(tmp_path_factory.mktemp("clip"))
+
+
 @pytest.fixture(scope="session")
 def survey_that_keeps() -> Callable[..., Path]:
     """``survey_that_keeps(folder, frames)``: a survey of the folder's frames that leaves out all others.

@@ -22,7 +22,6 @@ from egosplat.files import (
 )
 from egosplat.pipeline.stages import FILES, STAGES
 from egosplat_rivals.tables import stage as tables_stage
-from tests.support.commands import run_command
 
 
 def stage_words(stage: str) -> list[str]:
@@ -63,12 +62,12 @@ REFUSED = [(errno.ENOSPC, "Make room"), (errno.EDQUOT, "Make room"), (errno.EACC
 """Numbers of errors of writing, and what is advised."""
 
 
-def call(monkeypatch, capfd, command: str, folder: Path, *words: object) -> tuple[int, str]:
+def call(run_command, command: str, folder: Path, *words: object) -> tuple[int, str]:
     scene = folder.with_name(f"{folder.name}_scene")
     for stage in ("frames", "poses", "features", "instances", "splats", "language"):
         (scene / f"{stage}.zarr").mkdir(parents=True, exist_ok=True)
     given = [word.format(folder=scene) for word in COMMANDS[command][1]]
-    status, _, err = run_command(monkeypatch, capfd, command.replace("_", "-"), *given, *words)
+    status, _, err = run_command(command.replace("_", "-"), *given, *words)
     return status, err
 
 
@@ -83,17 +82,17 @@ def everything(folder: Path) -> dict[str, object]:
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_file_of_another_name_stays_unless_overwrite_is_given(monkeypatch, capfd, tmp_path, command):
+def test_a_file_of_another_name_stays_unless_overwrite_is_given(run_command, tmp_path, command):
     """Told before anything is read: the scene's artifacts are empty folders. A name with another suffix is refused."""
     suffix = Path(COMMANDS[command][0]).suffix
     output, other = tmp_path / f"mine{suffix}", tmp_path / "x.jpg"
     output.write_text("notes")
     before = everything(tmp_path)
-    status, err = call(monkeypatch, capfd, command, tmp_path, "--output", output)
+    status, err = call(run_command, command, tmp_path, "--output", output)
     assert status == 2 and f"{output}: is there already" in err and "--overwrite" in err
-    status, err = call(monkeypatch, capfd, command, tmp_path, "--output", output, "--overwrite")
+    status, err = call(run_command, command, tmp_path, "--output", output, "--overwrite")
     assert status == 2 and str(output) not in err, "it complains of the scene"
-    status, err = call(monkeypatch, capfd, command, tmp_path, "--output", other, "--overwrite")
+    status, err = call(run_command, command, tmp_path, "--output", other, "--overwrite")
     assert status == 2 and f"{other}: " in err and suffix[1:] in err
     assert everything(tmp_path) == before
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from egosplat import cli
 from egosplat.pipeline.stages import PATHS, STAGES
+from tests.unit.artifacts.test_artifacts import flip
 
 SCENE = Path("results/adt/scene1")
 
@@ -21,18 +21,14 @@ def scene(finished, tmp_path) -> Path:
 
 
 @pytest.fixture
-def refused(capfd, monkeypatch, tmp_path) -> Callable[..., str]:
+def refused(run_command, tmp_path) -> Callable[..., str]:
     """Run the command line; it must end with status 2, a short message and nothing new on disk. What it says
     is returned without the path of the test's folder, which holds the test's name."""
 
     def run(*arguments: object) -> str:
         before = {path for path in tmp_path.rglob("*")}
-        monkeypatch.setattr("sys.argv", ["egosplat", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            cli.main()
-        shown = capfd.readouterr().err
-        assert stop.value.code == 2, shown
-        assert "Traceback" not in shown
+        status, _, shown = run_command(*arguments)
+        assert status == 2 and "Traceback" not in shown, shown
         _, colon, message = shown.rpartition("egosplat: ")  # after lines of progress
         assert colon and len(message.strip().splitlines()) <= 2, shown
         assert {path for path in tmp_path.rglob("*")} == before, "something was left behind"
@@ -42,13 +38,12 @@ def refused(capfd, monkeypatch, tmp_path) -> Callable[..., str]:
 
 
 @pytest.fixture
-def plain_frames(scene, monkeypatch) -> Callable[[Path], Path]:
+def plain_frames(scene, run_command) -> Callable[[Path], Path]:
     """Frames of a plain recording, for what comes after them to fail on."""
 
     def make(recording: Path) -> Path:
         words = frames(scene, recording=recording, format="plain", resolution=64, evaluation_frames=1)
-        monkeypatch.setattr("sys.argv", ["egosplat", *map(str, words)])
-        cli.main()
+        assert run_command(*words)[0] == 0
         return scene / "new.zarr"
 
     return make
@@ -98,12 +93,6 @@ def cut(path: Path, keep: int) -> None:
     path.write_bytes(path.read_bytes()[:keep])
 
 
-def flip(chunk: Path, position: int) -> None:
-    content = bytearray(chunk.read_bytes())
-    content[position] ^= 4
-    chunk.write_bytes(content)
-
-
 def test_bad_files_of_a_sequence_are_named(scene, refused):
     recording = scene / "recording"
     cut(recording / "segmentations_with_skeleton.vrs", -500)
@@ -134,12 +123,9 @@ def test_a_broken_picture_leaves_no_frames(scene, refused, tmp_path):
         ({"strid": 2}, "stride"),
     ],
 )
-def test_a_wrong_flag_is_named(scene, capfd, monkeypatch, changes, said):
-    monkeypatch.setattr("sys.argv", ["egosplat", *map(str, frames(scene, **changes))])
-    with pytest.raises(SystemExit) as stop:
-        cli.main()
-    message = capfd.readouterr().err
-    assert stop.value.code == 2 and said in message and "Traceback" not in message
+def test_a_wrong_flag_is_named(scene, run_command, changes, said):
+    status, _, message = run_command(*frames(scene, **changes))
+    assert status == 2 and said in message and "Traceback" not in message
 
 
 def test_a_bad_row_of_a_trajectory_is_named_by_its_line(scene, refused):

@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from egosplat.artifacts.lineage import check_tree
-from egosplat.cli import main
 
 SCENE = Path("results/adt/scene1")
 
@@ -43,7 +42,7 @@ def test_a_disk_that_fills_during_a_stage_is_reported(on_small_disk, small_disk)
     assert (on_small_disk.folder / target / "video.vrs").exists()
 
 
-def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monkeypatch, capfd):
+def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monkeypatch, run_command):
     """Where SQLite finds no room COLMAP takes the process down."""
     monkeypatch.setenv("TMPDIR", str(small_disk.folder))
     monkeypatch.setattr("tempfile.tempdir", None)  # so that it is computed again
@@ -53,8 +52,6 @@ def test_colmap_is_not_begun_on_a_full_disk(small_disk, finished, tmp_path, monk
     scene = finished.folder / SCENE
     words = ["--recording", scene / "recording", "--frames", scene / "frames.zarr", "--set", "method=colmap"]
     words += ["--output", tmp_path / "poses.zarr"]
-    monkeypatch.setattr("sys.argv", ["egosplat", "poses", *map(str, words)])
-    with pytest.raises(SystemExit):
-        main()
-    assert f"egosplat: {small_disk.folder}: 16 MiB are free, and COLMAP needs 32" in capfd.readouterr().err
+    status, _, said = run_command("poses", *words)
+    assert status and f"egosplat: {small_disk.folder}: 16 MiB are free, and COLMAP needs 32" in said
     assert not list(small_disk.folder.iterdir())

@@ -35,6 +35,14 @@ def test_a_finished_run_has_nothing_to_do(workdir):
     assert "Nothing to be done" in workdir.run(POSES)
 
 
+SMALL_AGAIN = """
+models: {set: published, sam2_config: small, sam2_checkpoint: small, clip_model: small, clip_checkpoint: small}
+segments: {image_size: 512}
+features: {mismatched_views: keep_own}
+transient: {encoder_weights: null}
+"""
+
+
 @pytest.mark.parametrize(
     "config, expected",
     [
@@ -59,6 +67,14 @@ def test_a_finished_run_has_nothing_to_do(workdir):
         ("poses: {trajectory: closed_loop}", set()),  # the default, written out
         ("data_root: {hoi4d: /nowhere}", set()),
         ("scenes: config/../config/scenes.tsv", set()),
+        # Exactly what uses a model or a threshold that changed; missing files do not matter.
+        ("models: {set: published}", AFTER_SEGMENTS | AFTER_TRANSIENT),
+        # Keys of the user win; SAM2's filters and the keys of queries follow the set.
+        (SMALL_AGAIN, AFTER_SEGMENTS),
+        (
+            SMALL_AGAIN.replace("clip_model: small, clip_checkpoint: small", "cache: elsewhere"),
+            AFTER_SEGMENTS,
+        ),
     ],
 )
 def test_a_changed_key_reruns_its_stage_and_what_follows(unchanged, config, expected):
@@ -252,28 +268,3 @@ def test_touched_sources_another_checkout_and_a_new_room_rerun_nothing_and_a_los
     assert workdir.stale(*workdir.MAIN) == set()
     shutil.rmtree(workdir.folder / POSES)
     assert workdir.stale(POSES) == {"poses"}
-
-
-SMALL_AGAIN = """
-models: {set: published, sam2_config: small, sam2_checkpoint: small, clip_model: small, clip_checkpoint: small}
-segments: {image_size: 512}
-features: {mismatched_views: keep_own}
-transient: {encoder_weights: null}
-"""
-
-
-@pytest.mark.parametrize(
-    "config, expected",
-    [
-        ("models: {set: published}", AFTER_SEGMENTS | AFTER_TRANSIENT),
-        # Keys of the user win; SAM2's filters and the keys of queries follow the set.
-        (SMALL_AGAIN, AFTER_SEGMENTS),
-        (
-            SMALL_AGAIN.replace("clip_model: small, clip_checkpoint: small", "cache: elsewhere"),
-            AFTER_SEGMENTS,
-        ),
-    ],
-)
-def test_another_set_of_models_reruns_what_uses_its_keys(unchanged, config, expected):
-    """A switch reruns exactly the stages that use a model or a threshold that changed; missing files do not matter."""
-    assert unchanged.stale(*unchanged.MAIN, config=config) == expected

@@ -5,8 +5,6 @@ from itertools import cycle
 import numpy as np
 import pytest
 
-from egosplat import files
-from egosplat.artifacts import provenance
 from egosplat.artifacts.integrity import ArtifactError
 from egosplat.artifacts.reader import open_any, verify
 from egosplat.artifacts.schema import FINITE, SHARE, Values
@@ -15,13 +13,6 @@ from tests.support.scenes import put
 
 NAN, INF = np.nan, np.inf
 NAMES = [(kind, name) for kind in SCHEMAS for name in SCHEMAS[kind].fields]
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch):
-    """Skip the code hash and waiting for the disk, which take longer than the tests."""
-    monkeypatch.setattr(provenance, "code_of", lambda *_: "0")
-    monkeypatch.setattr(files, "_sync_one", lambda path: None)
 
 
 def of(*allowed: Values) -> list[tuple[str, str]]:

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from egosplat import files
-from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.geometry import Camera
@@ -31,13 +29,6 @@ KEYS = (
         "sh_degree": 1,
     }
 )
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Skip the code hash and waiting for the disk, which take longer than the tests."""
-    monkeypatch.setattr(provenance, "code_of", lambda *_: "0")
-    monkeypatch.setattr(files, "_sync_one", lambda path: None)
 
 
 @pytest.fixture

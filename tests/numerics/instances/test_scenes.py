@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat import files
 from egosplat.alarms.artifact_alarms import alarms_of
-from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import POSES
 from egosplat.instances import geometry
@@ -17,13 +15,6 @@ from tests.support.blobs import blobs
 from tests.unit.instances.conftest import CAMERA, FRAMES, SIZE, camera_positions, options
 from tests.unit.instances.test_stage import agreement
 from tests.unit.instances.test_stage import run as merge
-
-
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch):
-    """Skip the code hash and waiting for the disk, which take longer than the tests."""
-    monkeypatch.setattr(provenance, "code_of", lambda *_: "0")
-    monkeypatch.setattr(files, "_sync_one", lambda path: None)
 
 
 def run(folder, **changes):

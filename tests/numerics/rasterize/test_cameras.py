@@ -32,8 +32,7 @@ def before(depth: float, size: float = 0.1) -> dict[str, object]:
 )
 @given(exponent=st.one_of(st.floats(-0.999, 9.999)))
 def test_gaussians_at_any_depth(gaussian, compare, measured, exponent):
-    both = compare(gaussian(**before(10.0**exponent)), near_plane=NEAR)
-    measured(both.error)
+    measured(compare(gaussian(**before(10.0**exponent)), near_plane=NEAR).error)
 
 
 @pytest.mark.numerics("a depth of exactly the near plane", within=1e-5, outside="drawn")
@@ -66,8 +65,7 @@ def test_gaussians_in_front_of_the_near_plane_are_culled(gaussian, compare, dept
 @given(exponent=st.floats(-12, 3))
 def test_any_near_plane(gaussian, compare, measured, exponent):
     near = 10.0**exponent
-    both = compare(gaussian(**before(1.01 * near)), near_plane=near)
-    measured(both.error)
+    measured(compare(gaussian(**before(1.01 * near)), near_plane=near).error)
 
 
 @pytest.mark.numerics(
@@ -108,8 +106,7 @@ def test_expected_depth_at_any_distance(gaussian, compare, measured, focal):
 @given(exponent=st.floats(0, 8))
 def test_gaussians_next_to_the_image(gaussian, compare, measured, exponent):
     aside = 2 * 10.0**exponent
-    both = compare(gaussian(means=[[aside, 0.0, 2.0]], scales=[[aside, 0.2, aside]]))
-    measured(both.error)
+    measured(compare(gaussian(means=[[aside, 0.0, 2.0]], scales=[[aside, 0.2, aside]])).error)
 
 
 @pytest.mark.numerics(
@@ -126,8 +123,7 @@ def test_an_image_of_one_pixel(gaussian, compare, measured, focal):
 @pytest.mark.numerics("images of 1 px by 40 px, both ways, and of 17x33 px", within=1e-5)
 @pytest.mark.parametrize(("width", "height"), [(1, 40), (40, 1), (17, 33)])
 def test_narrow_images(gaussian, compare, measured, width, height):
-    both = compare(gaussian(scales=[[1.0, 2.0, 1.5]]), width, height)
-    measured(both.error)
+    measured(compare(gaussian(scales=[[1.0, 2.0, 1.5]]), width, height).error)
 
 
 @pytest.mark.numerics(
@@ -142,8 +138,7 @@ def test_a_camera_far_from_the_origin(gaussian, compare, measured, exponent, tur
     view[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
     view[:3, 3] = -view[:3, :3] @ center
     mean = view[:3, :3].T @ [0.03, -0.02, 2.0] + center
-    both = compare(gaussian(means=[mean], viewmats=view[None]))
-    measured(both.error)
+    measured(compare(gaussian(means=[mean], viewmats=view[None])).error)
 
 
 @pytest.mark.numerics(

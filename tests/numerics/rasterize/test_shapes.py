@@ -64,8 +64,7 @@ def test_flat_gaussians(gaussian, compare, measured, mode, width, turn):
 @pytest.mark.numerics("image and gradients: a pancake viewed exactly edge-on", within=1e-5)
 @MODES
 def test_a_flat_gaussian_seen_from_its_edge(gaussian, compare, measured, mode):
-    both = compare(gaussian(scales=[[1.0, 0.8, 1e-8]], quats=[[1, 0, 1, 0]]), rasterize_mode=mode)
-    measured(both.error)
+    measured(compare(gaussian(scales=[[1.0, 0.8, 1e-8]], quats=[[1, 0, 1, 0]]), rasterize_mode=mode).error)
 
 
 @pytest.mark.numerics(
@@ -94,8 +93,7 @@ def test_scales_larger_than_any_scene(gaussian, compare, scale):
 )
 @given(length=decades(-37, 37), turn=TURNS)
 def test_quaternions_of_any_length(gaussian, compare, measured, length, turn):
-    both = compare(gaussian(quats=torch.tensor([turn], dtype=torch.float64) * length))
-    measured(both.error)
+    measured(compare(gaussian(quats=torch.tensor([turn], dtype=torch.float64) * length)).error)
 
 
 @pytest.mark.numerics(
@@ -125,8 +123,7 @@ def test_a_subnormal_quaternion(gaussian, compare, measured):
 )
 @given(opacity=st.one_of(st.floats(0.004, 1.0), st.sampled_from([0.004, 0.998, 0.9991, 1.0])))
 def test_opacities(gaussian, compare, measured, opacity):
-    both = compare(gaussian(opacities=[opacity]))
-    measured(both.error)
+    measured(compare(gaussian(opacities=[opacity])).error)
 
 
 @pytest.mark.numerics(

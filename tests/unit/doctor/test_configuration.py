@@ -10,13 +10,6 @@ from egosplat.errors import UserError
 ROOT = Path(__file__).resolve().parents[3]
 
 
-@pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """An empty working directory."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def test_defaults_hold_without_a_file(folder):
     config, sources = read_configuration([], [])
     assert config["preset"] == "balanced" and sources == [str(ROOT / "config/config.yaml")]

@@ -15,7 +15,6 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import PHOTO_WEIGHTS
 from egosplat.rasterize import cuda
 from egosplat.rasterize.kernels import library
-from tests.support.commands import run_command
 
 HEADER = "dataset\tscene\tformat\trecording\toptions\n"
 
@@ -181,12 +180,12 @@ def test_little_free_disk_is_noted(folder, monkeypatch):
     assert marks()["disk"] == Mark.NOTE
 
 
-def test_the_exit_status_is_1_where_something_is_missing(folder, monkeypatch, capfd):
-    status, text, _ = run_command(monkeypatch, capfd, "doctor")
+def test_the_exit_status_is_1_where_something_is_missing(folder, run_command):
+    status, text, _ = run_command("doctor")
     assert status == 0 and text.endswith("Nothing is missing.\n") and "\x1b" not in text
     (folder / "more.yaml").write_text("models: {sam2_checkpoint: /nowhere.pt}")
     words = ("doctor", "--configfile", "more.yaml", "--config", "preset=draft")
-    status, text, _ = run_command(monkeypatch, capfd, *words)
+    status, text, _ = run_command(*words)
     assert status == 1 and "missing  SAM2 " in text and "preset draft" in text
     with pytest.raises(UserError, match="'models.sam'"):
         examine([], ["models={sam: small}"])

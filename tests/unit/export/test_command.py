@@ -2,6 +2,7 @@
 
 import json
 import sys
+from functools import partial
 
 import numpy as np
 import pycolmap
@@ -15,7 +16,6 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.export.movie import way
-from tests.support.commands import run_command
 from tests.support.page_scene import CAMERA
 
 POSED = [0, 1, 2, 4]
@@ -23,13 +23,8 @@ POSED = [0, 1, 2, 4]
 
 
 @pytest.fixture
-def export(page_scene, monkeypatch, capfd):
-    """``export(*words)``: exit status, and what it said."""
-
-    def call(*words: object) -> tuple[int, str]:
-        return run_command(monkeypatch, capfd, "export", page_scene, *words)[::2]
-
-    return call
+def export(page_scene, run_command):
+    return partial(run_command, "export", page_scene)
 
 
 def poses(scene) -> np.ndarray:
@@ -37,18 +32,18 @@ def poses(scene) -> np.ndarray:
 
 
 def test_without_words_all_gaussians_are_written_into_the_folder(page_scene, export):
-    status, said = export()
+    status, _, said = export()
     assert status == 0 and f"{page_scene / 'scene.ply'}: " in said
     (page_scene / "scene.ply").unlink()
 
 
 def test_the_answer_to_a_query(export, tmp_path):
     for word, side in (("couch", -1), ("cup", 1)):
-        status, said = export("--query", word, "--no-codes", "--output", tmp_path / f"{word}.ply")
+        status, _, said = export("--query", word, "--no-codes", "--output", tmp_path / f"{word}.ply")
         assert status == 0, said
         means = plyread(tmp_path / f"{word}.ply").means
         assert 50 < len(means) < 500 and np.median(means[:, 0]) * side > 0.3
-    status, said = export("--query", "cup", "--format", "spz", "--output", tmp_path / "cup.spz")
+    status, _, said = export("--query", "cup", "--format", "spz", "--output", tmp_path / "cup.spz")
     assert status == 0, said
     assert len(read_spz(tmp_path / "cup.spz").means) == len(means)
 
@@ -62,7 +57,7 @@ def rows_of(path) -> dict[str, list[dict]]:
 
 
 def test_rerun_reads_its_recording(page_scene, export, tmp_path):
-    status, said = export("--query", "couch, elephant", "--output", tmp_path / "scene.rrd")
+    status, _, said = export("--query", "couch, elephant", "--output", tmp_path / "scene.rrd")
     assert status == 0 and "4 frames, 2 answers" in said
     rows = rows_of(tmp_path / "scene.rrd")
     placed = {row["frame"]: row for row in rows["/world/camera"] if row.get("frame") is not None}
@@ -90,12 +85,12 @@ def test_rerun_reads_its_recording(page_scene, export, tmp_path):
 def test_what_cannot_be_exported_gets_a_reason_and_no_file(export, tmp_path, monkeypatch, words, said):
     monkeypatch.setitem(sys.modules, "rerun", None)
     monkeypatch.chdir(tmp_path)
-    status, told = export(*words)
+    status, _, told = export(*words)
     assert status and said in told and "Traceback" not in told and not list(tmp_path.iterdir())
 
 
 def test_instances_as_a_point_cloud(export, tmp_path):
-    status, said = export("--format", "instances", "--output", tmp_path / "x.ply")
+    status, _, said = export("--format", "instances", "--output", tmp_path / "x.ply")
     assert status == 0, said
     cloud = trimesh.load(tmp_path / "x.ply")
     owner = cloud.metadata["_ply_raw"]["vertex"]["data"]["instance_whole"].ravel()
@@ -105,7 +100,7 @@ def test_instances_as_a_point_cloud(export, tmp_path):
 
 
 def test_nerfstudio_cameras(page_scene, export, tmp_path):
-    status, said = export("--format", "nerfstudio", "--output", tmp_path / "x")
+    status, _, said = export("--format", "nerfstudio", "--output", tmp_path / "x")
     assert status == 0, said
     found = read_transforms(tmp_path / "x/transforms.json", CAMERA.width, CAMERA.height)
     np.testing.assert_allclose(found.camera_to_world, poses(page_scene), atol=1e-12)
@@ -123,7 +118,7 @@ def test_nerfstudio_cameras(page_scene, export, tmp_path):
 
 
 def test_colmap_cameras(page_scene, export, tmp_path):
-    status, said = export("--format", "colmap", "--output", tmp_path / "x")
+    status, _, said = export("--format", "colmap", "--output", tmp_path / "x")
     assert status == 0, said
     model = pycolmap.Reconstruction(tmp_path / "x/sparse/0")
     assert {path.suffix for path in (tmp_path / "x/sparse/0").iterdir()} == {".txt", ".bin"}
@@ -138,7 +133,7 @@ def test_colmap_cameras(page_scene, export, tmp_path):
 @pytest.mark.parametrize("codes", ["--codes", "--no-codes"])
 def test_what_readers_of_gaussians_check(export, tmp_path, codes):
     """SuperSplat and splat-transform: short header lines of known types, whole bands of SH, all values finite."""
-    status, said = export("--output", tmp_path / "x.ply", codes)
+    status, _, said = export("--output", tmp_path / "x.ply", codes)
     assert status == 0 and "700 Gaussians" in said
     assert len(plyread(tmp_path / "x.ply").means) == 700
     content = (tmp_path / "x.ply").read_bytes()
@@ -159,25 +154,19 @@ def test_what_readers_of_gaussians_check(export, tmp_path, codes):
 
 
 @pytest.mark.parametrize("format", ["ply", "spz", "instances", "nerfstudio", "colmap", "html", None])
-def test_without_artifacts_one_line_says_what_is_missing(tmp_path, monkeypatch, capfd, format):
+def test_without_artifacts_one_line_says_what_is_missing(tmp_path, run_command, format):
     words = ("page", tmp_path) if format is None else ("export", tmp_path, "--format", format)
-    status, _, said = run_command(monkeypatch, capfd, *words)
+    status, _, said = run_command(*words)
     assert status == 2 and "lacks" in said and said.count("\n") == 1 and not list(tmp_path.iterdir())
 
 
 @pytest.fixture
-def movie(page_scene, tmp_path, monkeypatch, capfd):
-    """``movie(*words)``: exit status, and what it said; the picture is ``x.webp``."""
-
-    def call(*words: object) -> tuple[int, str]:
-        given = (page_scene, *words, "--output", tmp_path / "x.webp", "--side", 64)
-        return run_command(monkeypatch, capfd, "movie", *given)[::2]
-
-    return call
+def movie(page_scene, tmp_path, run_command):
+    return partial(run_command, "movie", page_scene, "--output", tmp_path / "x.webp", "--side", 64)
 
 
 def test_the_picture_moves_and_the_answer_lights_up(movie, tmp_path):
-    status, said = movie("wall", "couch", "elephant")
+    status, _, said = movie("wall", "couch", "elephant")
     assert status == 0, said
     assert "elephant" in said and "left out" in said
     with Image.open(tmp_path / "x.webp") as moving:
@@ -189,7 +178,7 @@ def test_the_picture_moves_and_the_answer_lights_up(movie, tmp_path):
 
 
 def test_without_an_answer_nothing_is_written(movie, tmp_path):
-    status, said = movie("elephant")
+    status, _, said = movie("elephant")
     assert status == 2 and "no query has an answer" in said and not (tmp_path / "x.webp").exists()
 
 

@@ -17,7 +17,6 @@ from egosplat.histories.told import Carried, clock, place_at
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import find_history
 from egosplat.query.text import Texts
-from tests.support.commands import run_command
 from tests.support.page_scene import PUT_DOWN, TAKEN_UP, put_histories
 from tests.support.scenes import put
 from tests.support.sightings import make_rests
@@ -134,7 +133,7 @@ def test_of_carries_at_one_time_the_longest_stays():
     assert spans([(0, 0, 4, TABLE), (0, 3, 9, DESK)], [(0, 0, 1)]) == [(3, 4)]
 
 
-def test_a_scene_tells_the_history_of_an_answer(tmp_path, page_scene, monkeypatch, capfd):
+def test_a_scene_tells_the_history_of_an_answer(tmp_path, page_scene, run_command):
     folder = shutil.copytree(page_scene, tmp_path / "scene")
     put_histories(folder)
     scene = open_scene(folder, min_score=0.7)
@@ -147,7 +146,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, page_scene, monkeypatc
 
     def table(*words):
         given = ("query", folder, "cup", "couch", *words, "--overwrite")
-        _, out, err = run_command(monkeypatch, capfd, *given)
+        _, out, err = run_command(*given)
         return out.split("\n\n")[1].splitlines()[:-1] if "\n\n" in out else err
 
     assert [re.split(r"\s{2,}", line) for line in table()] == [
@@ -156,7 +155,7 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, page_scene, monkeypatc
     ]
     assert re.split(r"\s{2,}", table("--at", "0:0.3")[1]) == ["cup", "1.00, 0.00, 2.00", "since 0:00"]
     assert "give seconds, as 65" in table("--at", "soon")
-    _, out, _ = run_command(monkeypatch, capfd, "query", folder, "couch", "--at", 0, "--overwrite")
+    _, out, _ = run_command("query", folder, "couch", "--at", 0, "--overwrite")
     assert "nothing of this was carried, as far as is known" in out
     assert "the recording ends at 0:00" in table("--at", "0:01")
     assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")

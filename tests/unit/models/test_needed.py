@@ -23,13 +23,6 @@ FILES = (
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
-    """A working directory without a configuration."""
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
-@pytest.fixture
 def server(tmp_path, monkeypatch):
     """A hub that has every file of the catalogue, with one content; of the last, no digest is published."""
     entries = [one._replace(sha256=SHA256) for one in model_sets.CATALOGUE]

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,6 @@ import trimesh
 import egosplat
 from egosplat.query.answers import Answer, Thing
 from egosplat.query.catalog import merge
-from tests.support.commands import run_command
 from tests.support.page_scene import PUT_DOWN, put_histories
 
 
@@ -43,17 +43,14 @@ def test_a_thing_is_told_once_under_its_best_name(claims, told):
     assert ["/".join([one.phrase, *one.also]) for one in items] == told
 
 
-def test_the_table_and_its_files_tell_of_each_thing(page_scene, tmp_path, monkeypatch, capfd):
+def test_the_table_and_its_files_tell_of_each_thing(page_scene, tmp_path, run_command):
     folder = tmp_path / "results/scene1"
     put_histories(shutil.copytree(page_scene, folder))
     couch, cup, carried = egosplat.catalog(egosplat.open_scene(folder, device="cpu"))
     assert [one.phrase for one in (couch, cup, carried)] == ["couch", "cup", "cup"]
     assert couch.grade == "found" and couch.things[0].center[0] < -0.3 and cup.things[0].center[0] > 0.3
     assert not carried.things and carried.history[0].end.tolist() == [*PUT_DOWN]
-
-    def call(*words: object) -> tuple[int, str, str]:
-        return run_command(monkeypatch, capfd, "catalog", folder, *words)
-
+    call = partial(run_command, "catalog", folder)
     status, table, _ = call("--output", tmp_path / "x.csv")
     told = [line.split("  ")[0] for line in table.splitlines()[2:5]]
     rows = pd.read_csv(tmp_path / "x.csv")

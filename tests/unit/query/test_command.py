@@ -23,12 +23,11 @@ from egosplat.query.grades import held_keys
 from egosplat.query.options import QueryOptions
 from egosplat.viewing.command import page_options
 from egosplat.viewing.options import PageOptions
-from tests.support.commands import run_command
 
 
 @pytest.fixture
-def query(monkeypatch, capfd):
-    return partial(run_command, monkeypatch, capfd, "query")
+def query(run_command):
+    return partial(run_command, "query")
 
 
 @pytest.fixture
