@@ -64,8 +64,8 @@ def ask(folder: Path) -> Iterator[dict[str, Any]]:
 
 def _judged(things: list[Alike]) -> dict[str, Any]:
     best, *others = things
-    lead = best.similarity - others[0].similarity if others else 1.0
-    return {"grade": best.grade, "similarity": best.similarity, "lead": lead, "center": best.center}
+    lead = best.score - others[0].score if others else 1.0
+    return {"grade": best.grade, "similarity": best.score, "lead": lead, "center": best.center}
 
 
 def table(rows: pd.DataFrame) -> str:

@@ -4,7 +4,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -35,7 +35,7 @@ def patience_ms() -> int:
 
 @dataclass
 class Tab:
-    """A tab of the browser: errors of scripts and of the console, and addresses asked for, but data: and blob: ones."""
+    """A page in the browser, with errors of scripts and of the console, and addresses asked for, but data: and blob: ones."""
 
     page: "Page"
     errors: list[str] = field(default_factory=list)
@@ -46,6 +46,9 @@ class Tab:
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", lambda said: said.type == "error" and self.errors.append(said.text))
         self.page.on("request", lambda request: self._note(request.url))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.page, name)
 
     def _note(self, address: str) -> None:
         if not address.startswith(("data:", "blob:")):

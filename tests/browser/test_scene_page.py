@@ -3,6 +3,7 @@
 import base64
 import io
 import re
+import shlex
 import shutil
 
 import numpy as np
@@ -14,8 +15,8 @@ from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.models.checkpoints import CLIP, model_hash
-from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.grades import LEAST_FOUND, LEAST_GUESS, grading_of, measure_evidence
+from egosplat.query.reading import read_questions
 from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import encode_phrases, encode_texts
@@ -35,6 +36,7 @@ from tests.support.page_scene import (
     wall,
     write_page,
 )
+from tests.unit.query.test_reading import CASES, PLAIN
 
 BAR = "document.querySelector('#carried i').style.left"
 SET_VIEW, AHEAD = "([pose, focal]) => egosplat.setView(pose, focal)", [np.eye(4)[:3].ravel().tolist(), 300.0]
@@ -47,19 +49,14 @@ def data(page_scene):
     return contents_of(page_scene / "scene.html")
 
 
-@pytest.fixture(scope="module")
-def clip():
-    return load_open_clip("small", "small", "cpu", "float32")
-
-
 @pytest.fixture
 def scene(page_scene, open_tab):
     """``scene(size, touch, page)``: a tab with the page, its first picture drawn."""
 
     def open_page(size=WIDE, touch=False, page=page_scene / "scene.html"):
         tab = open_tab(size, touch)
-        tab.page.goto(page.as_uri())
-        tab.page.wait_for_function(READY)
+        tab.goto(page.as_uri())
+        tab.wait_for_function(READY)
         return tab
 
     return open_page
@@ -85,20 +82,19 @@ def fits(page, name: str, size) -> bool:
 
 def color_at(tab, point) -> np.ndarray:
     """(3,) color in a screenshot, around the place where a world point is drawn."""
-    tab.page.evaluate("egosplat.idle")
+    tab.evaluate("egosplat.idle")
     # The ring of the mark and the panel cover points.
-    tab.page.add_style_tag(content="#mark, #panel { visibility: hidden }")
-    x, y = tab.page.evaluate("point => egosplat.project(point)", point)
-    picture = np.asarray(Image.open(io.BytesIO(tab.page.screenshot())).convert("RGB"), float)
+    tab.add_style_tag(content="#mark, #panel { visibility: hidden }")
+    x, y = tab.evaluate("point => egosplat.project(point)", point)
+    picture = np.asarray(Image.open(io.BytesIO(tab.screenshot())).convert("RGB"), float)
     return picture[round(y) - 3 : round(y) + 4, round(x) - 3 : round(x) + 4].mean(axis=(0, 1))
 
 
 @pytest.mark.parametrize("size", [WIDE, PHONE])
 def test_the_page_opens_whole_at_the_view_that_shows_most(scene, size):
-    tab = scene(size)
-    page = tab.page
-    assert tab.errors == []
-    assert len(tab.requests) == 1 and tab.requests[0].startswith("file:")
+    page = scene(size)
+    assert page.errors == []
+    assert len(page.requests) == 1 and page.requests[0].startswith("file:")
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
     assert all(fits(page, name, size) for name in ("#words", "#frame", "#title"))
     # HTML in a title stays text.
@@ -112,8 +108,8 @@ def test_the_page_opens_whole_at_the_view_that_shows_most(scene, size):
 
 def test_the_answer_follows_the_time_line(scene_in_time):
     """The cup is carried from 0.1 s to 0.2 s, frames 1 and 2: before, it is at one end of the wall, afterwards at the other."""
-    tab = scene_in_time()
-    page, mark = tab.page, "egosplat.mark && egosplat.mark.point"
+    page = scene_in_time()
+    mark = "egosplat.mark && egosplat.mark.point"
     assert page.evaluate(ASK, "cup")["things"], "it is found where it stands, too"
     [carried] = page.locator("#history button").all_inner_texts()
     assert carried == "→ Carried 0:00 to 0:00\nfrom -1.00, 0.00, 2.00 to 1.00, 0.00, 2.00 m"
@@ -127,20 +123,19 @@ def test_the_answer_follows_the_time_line(scene_in_time):
     assert page.locator("#history button").count() == 0
     page.evaluate("egosplat.showFrame(0)")
     assert page.evaluate(mark) != list(TAKEN_UP), "the ring stays at the couch"
-    assert tab.errors == []
+    assert page.errors == []
 
 
 def test_what_rests_is_drawn_at_its_time(scene_in_time):
     """Red where the cup is taken up and put down; the history is told from rest to rest, and no answer changes."""
-    tab = scene_in_time(((0, 1), (4, 4)))
-    page = tab.page
+    page = scene_in_time(((0, 1), (4, 4)))
     assert page.evaluate("[egosplat.scene.count, egosplat.scene.drawn]") == [700, 708]
 
     def reds(row=None):
         if row is not None:
             page.evaluate("row => egosplat.showFrame(row)", row)
         page.evaluate(SET_VIEW, AHEAD)
-        colors = [color_at(tab, [0.95 * x, y, 1.6]) for x, y, _ in (TAKEN_UP, PUT_DOWN)]
+        colors = [color_at(page, [0.95 * x, y, 1.6]) for x, y, _ in (TAKEN_UP, PUT_DOWN)]
         return [bool(red > green + 60) for red, green, _ in colors]
 
     assert [reds(row) for row in range(4)] == [[True, False], [True, False], [False, False], [False, True]]
@@ -150,11 +145,11 @@ def test_what_rests_is_drawn_at_its_time(scene_in_time):
     told = page.evaluate("egosplat.history.history.map(({ from, until }) => [from, until])")
     assert told == [[0.1, 0.4]]
     page.evaluate("egosplat.clear()")
-    assert reds() == [False, True] and tab.errors == []
+    assert reds() == [False, True] and page.errors == []
 
 
 def test_the_picture_is_that_of_the_kernels(scene):
-    page = scene().page
+    page = scene()
     page.evaluate(SET_VIEW, AHEAD)
     address = page.evaluate("egosplat.picture()")
     drawn = np.asarray(Image.open(io.BytesIO(base64.b64decode(address.partition(",")[2]))).convert("RGB"))
@@ -183,7 +178,7 @@ def test_an_answer_is_that_of_python(scene, data, clip, words):
     grading = grading_of(CLIP_HASH, options)
     evidence = measure_evidence(known, surface, things, texts, names, options.temperature)
     ratings = list(map(grading.calibration.probability, evidence))
-    found = scene().page.evaluate(ASK, words)
+    found = scene().evaluate(ASK, words)
     assert found["score"] == pytest.approx(things[0].score, abs=1e-3)
     assert found["rating"] == pytest.approx(ratings[0], abs=1e-3)
     assert found["grade"] == grading.grade(ratings[0])
@@ -198,8 +193,7 @@ def test_an_answer_is_that_of_python(scene, data, clip, words):
 
 
 def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
-    tab, project = scene(), "point => egosplat.project(point)"
-    page = tab.page
+    page, project = scene(), "point => egosplat.project(point)"
     # What is told follows the view.
     page.evaluate("egosplat.setView([1, 0, 0, -9, 0, 1, 0, 0, 0, 0, 1, 0])")
     page.fill("#words", "cup")
@@ -215,10 +209,10 @@ def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
     page.locator("#mark span", has_text=re.compile(r"^cup")).wait_for()
     assert "outside" not in page.inner_text("#answer")
     beside = [0.1, 0.0, 2.0]
-    red, _, blue = color_at(tab, center)
-    assert red > 2 * blue and np.ptp(color_at(tab, beside)) < 10
+    red, _, blue = color_at(page, center)
+    assert red > 2 * blue and np.ptp(color_at(page, beside)) < 10
     page.evaluate("egosplat.show({ only: true })")
-    assert color_at(tab, center)[0] > 2 * blue and color_at(tab, beside).max() < 40
+    assert color_at(page, center)[0] > 2 * blue and color_at(page, beside).max() < 40
 
 
 def test_the_list_of_what_is_here_goes_to_each_thing_and_tells_what_is_carried(scene_in_time):
@@ -235,7 +229,7 @@ def test_the_list_of_what_is_here_goes_to_each_thing_and_tells_what_is_carried(s
 
 
 def test_a_click_names_what_is_there(scene):
-    page = scene().page
+    page = scene()
     page.evaluate(SET_VIEW, AHEAD)
     x, y = page.evaluate("egosplat.project([0.9, 0.3, 2])")
     page.mouse.click(x, y)
@@ -249,7 +243,7 @@ def test_a_click_names_what_is_there(scene):
 
 def test_shown_scores_never_contradict_the_verdict_and_a_best_guess_is_shown_as_one_with_its_place(scene):
     """As in Python, a score is rounded to its own side of the limit, and a probability to its own grade."""
-    page, shown = scene().page, "score => egosplat.score(score)"
+    page, shown = scene(), "score => egosplat.score(score)"
     least = page.evaluate("egosplat.scene.facts.query.min_score")
     for score in (least, least - 0.1):
         assert page.evaluate(shown, score) == f"{score:.2f}"
@@ -272,12 +266,46 @@ def test_shown_scores_never_contradict_the_verdict_and_a_best_guess_is_shown_as_
 def test_words_and_tokens_are_those_of_the_model(scene, clip):
     """The text tower in JavaScript gives PyTorch's features, for words that are not in the page's list too."""
     phrases = ["couch", "red wooden chair", "the lamp's  shade, on a desk!", "café 24", "Ein Bücherregal?"]
-    page, encoded = scene().page, []
+    page, encoded = scene(), []
     for phrase in phrases:
         tokens = page.evaluate("phrase => egosplat.tower.tokenize(phrase)", phrase)
         assert tokens == clip.tokenizer.encode(phrase)
         encoded.append(page.evaluate("tokens => Array.from(egosplat.tower.encode(tokens))", tokens))
     np.testing.assert_allclose(encoded, encode_phrases(clip, phrases).numpy(), atol=1e-6)
+
+
+def test_a_question_is_read_as_in_python(scene, clip):
+    page, told = (
+        scene(),
+        "text => egosplat.read(text).map(({ name, relation }) => [name.toLowerCase(), !!relation])",
+    )
+    for text in [*dict(CASES), *map(str.strip, PLAIN.split(";"))]:
+        asked = read_questions(clip, text, words_to_try(clip))
+        assert page.evaluate(told, text) == [[one.phrase.lower(), bool(one.relation)] for one in asked], text
+
+
+def test_a_file_answers_lists_and_near_words_and_names_the_command_for_the_rest(
+    page_scene, scene, tmp_path, run_command
+):
+    page = scene()
+
+    def ask(text):
+        page.evaluate(ASK, text)
+        return page.inner_text("#answer")
+
+    assert ask("where are my cups?").startswith('"where are my cups?" (read as: cup): found')
+    assert re.fullmatch(
+        '"couch, cup and zeppelin":\ncouch: found\ncup: found\nzeppelin: .*taught.*',
+        ask("couch, cup and zeppelin"),
+    )
+    assert page.locator("#things b").all_inner_texts() == ["couch", "cup"]
+    assert "cup" in ask("what is here?") and 'Did you mean "red couch"?' in ask("the red coutch")
+    page.click("#things button")
+    page.locator("#answer", has_text='"red couch": ').wait_for()
+    folder = shutil.copytree(page_scene, tmp_path / "scene")
+    command, _, *words = shlex.split(ask("is the cup next to my wall?").partition("by egosplat ")[2])
+    _, out, _ = run_command(command, folder, *words)
+    assert "\ncup next to wall" in out and page.errors == []
 
 
 UNFOUND = {symbols: "no word" for symbols in ("::", "%", "\U0001f600", "\u2122", "_")}
@@ -289,8 +317,8 @@ UNFOUND["<img src=x onerror=\"document.title = 'hacked'\">"] = "<img"
 
 
 def test_what_cannot_be_found_gets_a_reason(scene):
-    tab = scene()
-    page, text = tab.page, "document.getElementById('answer').textContent"
+    page = scene()
+    text = "document.getElementById('answer').textContent"
     for words, reason in UNFOUND.items():
         page.evaluate("egosplat.clear()")
         page.fill("#words", words)
@@ -298,13 +326,12 @@ def test_what_cannot_be_found_gets_a_reason(scene):
         page.wait_for_function(f"reason => {text}.includes(reason) && !{text}.endsWith(' ...')", arg=reason)
         assert page.locator("#answer img").count() == 0 and page.title() != "hacked"
         assert len(page.inner_text("#answer")) < 300
-        assert page.locator("#things button").count() == 0 and tab.errors == []
+        assert page.locator("#things button").count() == 0 and page.errors == []
 
 
 @pytest.mark.parametrize("touch", [False, True])
 def test_the_view_follows_slider_keys_wheel_and_drags(scene, touch):
-    tab, eye = scene(PHONE if touch else WIDE, touch), "Array.from(egosplat.camera.eye)"
-    page = tab.page
+    page, eye = scene(PHONE if touch else WIDE, touch), "Array.from(egosplat.camera.eye)"
     # The slider stands where the wearer stood.
     page.locator("#frame").fill("0")
     assert page.evaluate(eye) == pytest.approx([-0.8, 0, 0]) and "frame 0" in page.inner_text("#clock")
@@ -323,27 +350,27 @@ def test_the_view_follows_slider_keys_wheel_and_drags(scene, touch):
     page.mouse.move(380, 180)
     page.mouse.up()
     assert np.linalg.norm(np.subtract(page.evaluate(eye), nearer)) > 0.05
-    assert tab.errors == []
+    assert page.errors == []
 
 
 def test_instances_have_colors_and_the_words_are_suggested(scene, clip):
     tab = scene()
-    tab.page.check("#instances")
+    tab.check("#instances")
     left, right = color_at(tab, [0.35, 0.2, 2]), color_at(tab, [0.75, 0.2, 2])
     assert np.abs(left - right).max() > 30
     # A question shows its answer, and the instances can be shown again.
-    tab.page.evaluate(ASK, "cup")
-    assert not tab.page.is_checked("#instances") and np.ptp(color_at(tab, [0.1, 0.0, 2])) < 10
-    tab.page.evaluate("egosplat.show({ instances: true })")
+    tab.evaluate(ASK, "cup")
+    assert not tab.is_checked("#instances") and np.ptp(color_at(tab, [0.1, 0.0, 2])) < 10
+    tab.evaluate("egosplat.show({ instances: true })")
     np.testing.assert_allclose(color_at(tab, [0.35, 0.2, 2]), left, atol=3)
-    options = tab.page.eval_on_selector_all("#vocabulary option", "all => all.map(one => one.value)")
+    options = tab.eval_on_selector_all("#vocabulary option", "all => all.map(one => one.value)")
     assert options == list(words_to_try(clip))
 
 
 def test_cameras_show_where_photographs_were_taken(scene):
     """A frustum for each frame with a pose, at its place; a click on one stands there, where it is hidden."""
-    tab = scene()
-    page, rows = tab.page, "egosplat.cameras.drawn.map(({ row }) => row).sort()"
+    page = scene()
+    rows = "egosplat.cameras.drawn.map(({ row }) => row).sort()"
     # Among the cameras none is in view, and the viewer steps back.
     page.check("#cameras")
     assert page.evaluate("egosplat.camera.eye[2]") < -0.5
@@ -364,13 +391,12 @@ def test_cameras_show_where_photographs_were_taken(scene):
     page.evaluate("egosplat.idle")
     assert 3 not in page.evaluate(rows)
     page.uncheck("#cameras")
-    assert not page.is_visible("#cameras-view") and tab.errors == []
+    assert not page.is_visible("#cameras-view") and page.errors == []
 
 
 @pytest.mark.parametrize("size", [WIDE, PHONE])
 def test_a_press_shows_the_photograph_of_the_slider_in_the_window_and_the_next_one_hides_it(scene, size):
-    tab, picture = scene(size), "document.querySelector('#photograph img')"
-    page = tab.page
+    page, picture = scene(size), "document.querySelector('#photograph img')"
     assert not page.is_visible("#photograph")
     page.click("#enlarge")
     for row, frame in ((0, 0), (3, 4)):
@@ -379,17 +405,16 @@ def test_a_press_shows_the_photograph_of_the_slider_in_the_window_and_the_next_o
         page.wait_for_function(f"{picture}.complete && {picture}.naturalWidth === 96")
     assert fits(page, "#photograph", size)
     page.click("#enlarge")
-    assert not page.is_visible("#photograph") and tab.errors == []
+    assert not page.is_visible("#photograph") and page.errors == []
 
 
 def test_a_thinned_scene_without_a_text_tower_says_so(tmp_path, scene, monkeypatch):
     put_page_scene(tmp_path, origin="real")
     monkeypatch.setattr("egosplat.viewing.words.MOST_NUMBERS", 1000)
-    tab = scene(PHONE, page=write_page(tmp_path, max_gaussians=400))
-    page = tab.page
+    page = scene(PHONE, page=write_page(tmp_path, max_gaussians=400))
     page.click("#about summary")
     about = page.inner_text("#about")
     assert "400 of 700" in about and "only the" in about and "real" in about
     assert "trained on synthetic apartments only" in page.inner_text("#warnings")
-    assert "list" in page.evaluate(ASK, "red couch")["why"]
-    assert page.evaluate(ASK, "couch")["score"] > 0.3 and tab.errors == []
+    assert "egosplat query FOLDER 'red coutch'. Did you mean" in page.evaluate(ASK, "red coutch")["why"]
+    assert page.evaluate(ASK, "couch")["score"] > 0.3 and page.errors == []

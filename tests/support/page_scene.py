@@ -14,6 +14,8 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
+from egosplat.query.finished_scene import open_scene
+from egosplat.query.like import see
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface, find_neighbors
 from egosplat.viewing.gaussians import STEP
@@ -30,6 +32,8 @@ LEVELS = ["part", "whole"]
 WORDS = ("couch", "wall", "cup")
 # Where the cup is taken up after 0.1 s, and put down after 0.2 s.
 TAKEN_UP, PUT_DOWN = (-1.0, 0.0, 2.0), (1.0, 0.0, 2.0)
+# What is around the thing of each of ``WORDS`` in its frame.
+BOXES = [(0, 0, 30, 96), (33, 0, 63, 96), (66, 0, 96, 96)]
 TITLE = 'scene </script><b id="injected">bold</b>'
 
 
@@ -149,6 +153,20 @@ def put_histories(
     put(folder, "histories", arrays, made_from=["frames", "poses", "instances", "splats"])
     stored = {name: torch.from_numpy(one) for name, one in stored.items()}
     return Gaussians(**stored, features=torch.zeros(len(xyz), 0))
+
+
+def put_looks(folder: Path) -> list[np.ndarray]:
+    """Write view_features.zarr of ``put_page_scene``: its things in frames 0 and 2, as features of pictures. Returns a picture of each."""
+    opened = open_scene(folder, device="cpu")
+    views = [(thing, frame, BOXES[thing]) for thing in range(3) for frame in (0, 2)]
+    crops = [opened.frames[frame][y0:y1, x0:x1] for _, frame, (x0, y0, x1, y1) in views]
+    feature = np.concatenate([see(opened.clip, crop)[:1] for crop in crops]).astype(np.float32)
+    thing, frame, box = (np.array(column, np.int32) for column in zip(*views, strict=True))
+    arrays = {"instance": thing, "frame": frame, "box": box, "area": frame + 9, "feature": feature}
+    level = opened.artifact("instances").read("instances/level")
+    facts = opened.encoded.facts
+    put(folder, "view_features", arrays | {"instances/level": level}, facts, made_from=["instances"])
+    return crops[::2]
 
 
 def page_options(**changes: Any) -> ScenePageOptions:

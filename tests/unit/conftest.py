@@ -37,12 +37,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture(scope="session")
-def tiny_clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with description, reduced vocabulary and half-precision checkpoint of an OpenCLIP model of 8 channels."""
-    return write_tiny_clip(tmp_path_factory.mktemp("clip"))
-
-
-@pytest.fixture(scope="session")
 def survey_that_keeps() -> Callable[..., Path]:
     """``survey_that_keeps(folder, frames)``: a survey of the folder's frames that leaves out all others.
     Something moves, unless ``static``."""

@@ -18,8 +18,6 @@ from egosplat.viewing.options import PageOptions, ScenePageOptions
 
 FILE = click.Path(exists=True, dir_okay=False)
 
-_PHRASES = click.argument("phrases", nargs=-1, required=True)
-
 
 def on_folder(options: type[Options], own: str, about: str) -> Callable[..., KeysCommand]:
     """Make a command of a function of a scene's ``folder`` and ``options``, whose keys are in the section ``own``."""
@@ -170,7 +168,7 @@ def export(folder: Path, output: Path | None, options: AskingOptions, **asked: A
 
 
 @on_folder(AskingOptions, "query", "Draw a moving picture of a scene that is asked.")
-@_PHRASES
+@click.argument("phrases", nargs=-1, required=True)
 @writes("Output picture, .webp.  [default: FOLDER/query.webp]")
 @click.option(
     "--side", type=click.IntRange(32, 4096), default=480, show_default=True, help="Longer side [px]."

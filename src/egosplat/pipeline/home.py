@@ -24,6 +24,9 @@ _SCENE = re.compile(r"(?:\./)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
 
 EXAMPLE = "results/adt/scene1"  # of a scene's folder, for messages
 
+# Where a scene keeps names: beside its artifacts, and neither an input nor an output of a stage.
+NAMES = "names.json"
+
 # Artifacts of a scene that can be asked; its codes name one more, features or tiles.
 ASKED = ("frames", "poses", "splats", "language")
 

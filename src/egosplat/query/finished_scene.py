@@ -30,7 +30,7 @@ from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.reading import Question, read_questions
 from egosplat.query.relations import Space, relate
 from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
-from egosplat.query.text import Texts, encode_texts, suggest, untaught_words, words_to_try
+from egosplat.query.text import Texts, encode_texts, explain_untaught, words_to_try
 from egosplat.query.things import Surface, ask_scene, read_surface
 from egosplat.query.views import Asker, show_thing
 
@@ -273,18 +273,11 @@ class Scene:
             # The evidence for the best thing needs the next one.
             every = ask_scene(self.trained, self.surface, texts, options, max(2, most))
             rows = zip(texts.phrases, every, strict=True)
-            answers = (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
-            return map(self._suggested, answers)
+            return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
         view = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
         matches = Asker(self.trained, texts, options, self.rests).ask(texts.phrases, *view)
         grading = grades.Grading(None, options.min_score)
-        judged = (grades.judge_view(one, untaught_words(self.clip, one.phrase), grading) for one in matches)
-        return map(self._suggested, judged)
-
-    def _suggested(self, answer: Answer) -> Answer:
-        """An answer whose refusal names what a word that was never taught may mean."""
-        meant = suggest(self.clip, answer.phrase, answer.untaught) if answer.untaught else None
-        return replace(answer, refusal=f"{answer.refusal} {meant}") if meant else answer
+        return (grades.judge_view(one, explain_untaught(self.clip, one.phrase), grading) for one in matches)
 
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""
@@ -294,10 +287,10 @@ class Scene:
         pairs = zip(things, evidence, strict=True)
         things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
         coded = bool(things) or bool((self.trained.share > 0).any())
-        answer = grades.judge(phrase, things, untaught_words(self.clip, phrase), grading, most, coded)
-        if not answer.untaught and self.histories is not None:
-            known = self.histories, query, self._words, options.temperature
-            answer = replace(answer, history=grades.find_history(*known))
+        answer = grades.judge(phrase, things, explain_untaught(self.clip, phrase), grading, most, coded)
+        if self.histories is not None and not answer.untaught:
+            compared = self.histories, query, self._words, options.temperature
+            answer = replace(answer, history=grades.find_history(*compared))
         if answer.grade == grades.FOUND or answer.untaught or self.tracks is None:
             return answer
         moving = self.tracks.find(query, self._words, self.seconds, grading, options)

@@ -15,11 +15,14 @@ from torch import Tensor
 from egosplat.histories.known import Histories
 from egosplat.histories.told import Carried
 from egosplat.query.answers import Answer, Evidence, Thing, ViewMatch
-from egosplat.query.options import QueryOptions
+from egosplat.query.options import HELD, QueryOptions
 from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
-from egosplat.query.text import CARRIED, Texts, explain_untaught
+from egosplat.query.text import CARRIED, Texts
 from egosplat.query.things import Surface
+
+# Words of a query that are not known, and what is told of them, as of ``text.explain_untaught``.
+Unknown = tuple[tuple[str, ...], str | None]
 
 FOUND, GUESS, MOVING, NOT_FOUND = "found", "best guess", "seen moving", "not found"
 # Of a text that is no query, which no grading gives.
@@ -33,9 +36,6 @@ LEAST_FOUND, LEAST_GUESS = 2 / 3, 1 / 4
 # A row for each OpenCLIP with a fit: its hash, the keys that it holds for, what ``Calibration`` has; and of the queries that it
 # was made with the share whose thing was there, and the share of wrong answers to these among the wrong ones.
 FITS = Path(__file__).with_name("fits.csv")
-
-# Keys of ``query`` that move a thing's score, or are a limit of the user's own: a fit holds for the values it was made with.
-HELD = ("canonical", "temperature", "box_filter", "segmentation_threshold", "min_score")
 
 # Cosine from which a word means what the query means: "fridge" and "refrigerator", "lamp" and "desk lamp".
 SYNONYM = 0.7
@@ -227,12 +227,12 @@ def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, tempe
 
 
 def judge(
-    phrase: str, things: Sequence[Thing], untaught: Sequence[str], grading: Grading, most: int, coded: bool
+    phrase: str, things: Sequence[Thing], unknown: Unknown, grading: Grading, most: int, coded: bool
 ) -> Answer:
     """Judge the things that match a query of the whole scene, by decreasing score, with probabilities where a calibration
-    holds, and show ``most`` of them. The model was not trained on ``untaught`` words; ``coded`` tells whether any Gaussian has
-    a code."""
-    refusal, untaught = explain_untaught(untaught), tuple(untaught)
+    holds, and show ``most`` of them. Words that the model was not trained on are ``unknown``; ``coded`` tells whether any Gaussian
+    has a code."""
+    untaught, refusal = unknown
     if not things:
         # What fits best may be specks alone.
         refusal = refusal or (NOTHING_LIKE_IT if coded else "no Gaussian of the scene has a code")
@@ -246,8 +246,8 @@ def judge(
     return Answer(phrase, grade, *verdict, things=tuple(shown), candidates=tuple(things))
 
 
-def judge_view(match: ViewMatch, untaught: Sequence[str], grading: Grading) -> Answer:
+def judge_view(match: ViewMatch, unknown: Unknown, grading: Grading) -> Answer:
     """Judge what matches in one view, by its score."""
-    refusal = explain_untaught(untaught) or grading.refusal(match.score)
+    untaught, refusal = unknown[0], unknown[1] or grading.refusal(match.score)
     shown, grade = None if refusal or match.level is None else match, NOT_FOUND if refusal else FOUND
-    return Answer(match.phrase, grade, match.score, None, refusal, tuple(untaught), view=shown)
+    return Answer(match.phrase, grade, match.score, None, refusal, untaught, view=shown)

@@ -20,14 +20,14 @@ from egosplat.geometry import Array
 from egosplat.histories.told import clock
 from egosplat.images import resize_image
 from egosplat.models.clip import OpenClip
+from egosplat.pipeline.home import NAMES
+from egosplat.query.answers import Answer, Thing
 from egosplat.query.command import align_rows, show_point, show_size
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
+from egosplat.query.options import MOST
 from egosplat.query.text import clean_phrase
 from egosplat.query.things import EXTENT, SAME
-
-# Where a scene keeps names: beside its artifacts, and neither an input nor an output of a stage.
-NAMES = "names.json"
 
 # Least similarity of a thing that is found, and of a best guess (benchmarks/visual_queries).
 LIMITS = {FOUND: 0.9, GUESS: 0.86}
@@ -49,30 +49,24 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Alike:
-    """A thing of a scene that may be what a picture shows.
+class Alike(Thing):
+    """A thing of a scene that may be what a picture shows; its score is the mean cosine of its best views with the picture.
 
     Attributes:
-        instance, members: its number in instances.zarr, and (M,) its Gaussians there, none of what moves.
-        similarity: mean cosine of its best views with the picture.
-        center, size: (3,) float64 median and sides of the box of its Gaussians; NaN of what moves.
+        members, center, size: as of any thing, of an instance; none and NaN of what moves.
+        instance: its number in instances.zarr.
         frame, box: the view most like the picture, and x0, y0, x1, y1 around the thing there, the ends exclusive [px].
         last_s: when it was seen last, by training frames [s since the first frame].
     """
 
-    instance: int
-    members: Ints
-    similarity: float
-    center: Array
-    size: Array
-    frame: int
-    box: tuple[int, ...]
-    last_s: float
+    instance: int = -1
+    box: tuple[int, ...] = ()
+    last_s: float = 0.0
 
     @property
     def grade(self) -> str:
         """``found``, ``best guess`` or ``not found``."""
-        return next((grade for grade, least in LIMITS.items() if self.similarity >= least), NOT_FOUND)
+        return next((grade for grade, least in LIMITS.items() if self.score >= least), NOT_FOUND)
 
 
 class Looks:
@@ -84,6 +78,7 @@ class Looks:
         self.instance, self.frame, self.box = (views.read(name) for name in ("instance", "frame", "box"))
         self.feature = views.read("feature").astype(np.float64)
         self.level, self.owner = things.read("instances/level"), things.read("gaussians/instance")
+        self._levels = things.facts["levels"]
         self._xyz = things.read("gaussians/xyz").astype(np.float64)
 
     def keep(self, chosen: NDArray[np.bool_]) -> None:
@@ -91,9 +86,9 @@ class Looks:
         for name in ("instance", "frame", "box", "feature"):
             setattr(self, name, getattr(self, name)[chosen])
 
-    def find(self, asked: Array, most: int, pictured: bool = False) -> list[Alike]:
-        """At most ``most`` things by decreasing similarity to any of (Q, D) features of unit norm; of those that overlap, the best.
-        With what surrounds them, if they are ``pictured``."""
+    def find(self, asked: Array, most: int, pictured: bool = False, but: Alike | None = None) -> list[Alike]:
+        """At most ``most`` things by decreasing similarity to any of (Q, D) features of unit norm, ``but`` for one; of those that overlap,
+        the best. With what surrounds them, if they are ``pictured``."""
         every = np.arange(len(self.frame))
         fits = (self.feature @ asked.T).max(axis=1, initial=-1.0)
         ranked = self._ranked(every, fits)
@@ -103,12 +98,12 @@ class Looks:
             crops = [self.scene.frames[frame][y0:y1, x0:x1] for frame, (x0, y0, x1, y1) in views]
             fits[every] = (_encode(self.scene.clip, crops) @ asked.T).max(axis=1)
             ranked = self._ranked(every, fits)
-        kept: list[Alike] = []
+        kept = [but] if but else []
         for similarity, rows in ranked:
             thing = self._thing(similarity, rows)
-            if len(kept) < most and not any(self._is_one(thing, other) for other in kept):
+            if len(kept) < most + bool(but) and not any(self._is_one(thing, other) for other in kept):
                 kept.append(thing)
-        return kept
+        return kept[bool(but) :]
 
     def _ranked(self, rows: Ints, fits: Array) -> list[tuple[float, Ints]]:
         """The similarity of each thing with some of the ``rows``, and its own, the most alike first; by decreasing similarity."""
@@ -124,7 +119,9 @@ class Looks:
         low, center, high = np.quantile(places, (EXTENT[0], 0.5, EXTENT[1]), axis=0)
         last_s = float(self.scene.seconds[self.frame[self.instance == number].max()])
         shown = int(self.frame[best]), tuple(self.box[best].tolist())
-        return Alike(number, members, similarity, center, high - low, *shown, last_s)
+        level = self._levels[self.level[number]]
+        place = level, center, high - low, shown[0], members
+        return Alike(similarity, *place, instance=number, box=shown[1], last_s=last_s)
 
     def _is_one(self, thing: Alike, other: Alike) -> bool:
         """Whether two things share Gaussians; of what moves and has none, whether frames show both at one place."""
@@ -137,6 +134,20 @@ class Looks:
         areas = [(box[:, 2:] - box[:, :2]).prod(axis=1) for box in boxes]
         return bool((sides.clip(0).prod(axis=1) > SAME * np.maximum(*areas)).any())
 
+    def thing(self, number: int) -> tuple[Alike, Array]:
+        """An instance, and (Q, D) features of some of its views (UserError: it has none)."""
+        rows = np.flatnonzero(self.instance == number)
+        if not len(rows):
+            raise UserError("the recording has no picture of this thing alone: click another one")
+        some = rows[np.linspace(0, len(rows) - 1, min(len(rows), _KEPT)).astype(int)]
+        return self._thing(1.0, rows), self.feature[some]
+
+    def called(self, name: str, known: Mapping[str, Any]) -> Array:
+        """(Q, D) features of what has one of the ``known`` names (UserError: another OpenCLIP made them)."""
+        if known[name]["clip"] != self.scene.encoded.facts["clip"]["hash"]:
+            raise UserError(f"{name!r}: was named with another OpenCLIP; name it in a scene of this one")
+        return np.array(known[name]["features"])
+
     def named(self, thing: str) -> Alike:
         """The thing in 3D at a place, as an answer prints it, or that a word finds (UserError: none is there, or is found)."""
         if re.fullmatch(r"\s*-?[\d.]+(\s*,\s*-?[\d.]+){2}\s*", thing):
@@ -146,8 +157,8 @@ class Looks:
             if not answer.things:
                 raise UserError(f"{thing!r}: {answer.refusal}; give a place that an answer prints")
             center = answer.things[0].center
-        ranked = self._ranked(np.arange(len(self.frame)), np.ones(len(self.frame)))
-        solid = [one for one in (self._thing(1.0, rows) for _, rows in ranked) if len(one.members)]
+        every = (self.thing(number)[0] for number in np.unique(self.instance).tolist())
+        solid = [one for one in every if len(one.members)]
         near = min(solid, key=lambda one: np.linalg.norm(one.center - center), default=None)
         if near is None or np.linalg.norm(near.center - center) > near.size.max():
             raise UserError(f"{thing}: no thing is there; give a place that an answer prints, or a word")
@@ -176,14 +187,21 @@ def _encode(clip: OpenClip, crops: Sequence[Pixels]) -> Array:
     return np.nan_to_num(encode(clip, np.stack(squares))).astype(np.float64)
 
 
-def give_name(scene: Scene, thing: str, name: str) -> Alike:
-    """Keep a name for the thing at a place, or that a word finds, beside the scene. Raises as ``Looks.named``."""
+def judge(name: str, things: Sequence[Alike], most: int = MOST) -> Answer:
+    """The answer of at most ``most`` things to what is asked under a name, by all that are compared, the most alike first."""
+    grade, similarity = (things[0].grade, things[0].score) if things else (NOT_FOUND, 0.0)
+    like = f" (the most alike has a similarity of {similarity:.2f})" if things else ""
+    refusal = f"not found: no thing here looks like it{like}" if grade == NOT_FOUND else None
+    shown = tuple(one for one in things[:most] if one.grade == grade and not refusal)
+    return Answer(name, grade, similarity, refusal=refusal, things=shown, candidates=tuple(things))
+
+
+def give_name(scene: Scene, thing: str | int, name: str) -> Alike:
+    """Keep a name for an instance, or for the thing at a place, or that a word finds, beside the scene. Raises as ``Looks.named``."""
     if not (key := clean_phrase(name).lower()):
         raise UserError("name: is blank; give one or more words")
     looks, path = Looks(scene), scene.folder / NAMES
-    named = looks.named(thing)
-    rows = np.flatnonzero(looks.instance == named.instance)
-    kept = looks.feature[rows[np.linspace(0, len(rows) - 1, min(len(rows), _KEPT)).astype(int)]]
+    named, kept = looks.thing(thing if isinstance(thing, int) else looks.named(thing).instance)
     entry = {"clip": scene.encoded.facts["clip"]["hash"], "center": named.center.round(3).tolist()}
     names = read_names(path) | {key: entry | {"features": kept.round(4).tolist()}}
     write_text(path, json.dumps(names))
@@ -210,18 +228,16 @@ def run(
     shown = {str(path): read_picture(path) for path in pictures}
     drawn, best = [], {}
     for scene in scenes:
-        looks, own = Looks(scene), scene.encoded.facts["clip"]["hash"]
+        looks = Looks(scene)
         head = f"like,answer,similarity,lead,center [{scene.unit}],size [{scene.unit}],frame,last seen"
         rows = [tuple(head.split(","))]
         for asked in (*shown, *names):
-            if asked in names and names[asked]["clip"] != own:
-                raise UserError(f"{asked!r}: was named with another OpenCLIP; name it in a scene of this one")
-            wanted = see(scene.clip, shown[asked]) if asked in shown else np.array(names[asked]["features"])
+            wanted = see(scene.clip, shown[asked]) if asked in shown else looks.called(asked, names)
             things = looks.find(wanted, max(2, most), asked in shown)
-            rows += _rows(asked, things, most)
+            rows += _rows(judge(asked, things, most), things)
             drawn.append((shown.get(asked), scene, things[:most]))
-            if things and things[0].similarity > best.get(asked, (0.0, ""))[0]:
-                best[asked] = things[0].similarity, f"{scene.folder}, last seen at {clock(things[0].last_s)}"
+            if things and things[0].score > best.get(asked, (0.0, ""))[0]:
+                best[asked] = things[0].score, f"{scene.folder}, last seen at {clock(things[0].last_s)}"
         yield f"{scene.folder}, the whole scene, origin {scene.origin}\n{align_rows(rows)}\n"
     if scenes[1:]:
         yield "\n".join(f"{asked}: most alike in {where}" for asked, (_, where) in best.items())
@@ -230,17 +246,15 @@ def run(
     yield f"picture: {output}"
 
 
-def _rows(asked: str, things: Sequence[Alike], most: int) -> list[tuple[str, ...]]:
-    grade = things[0].grade if things else NOT_FOUND
-    lead = f"{things[0].similarity - things[1].similarity:+.2f}" if things[1:] else "-"
-    rows: list[tuple[str, ...]] = []
-    if grade == NOT_FOUND:
-        like = f" (the most alike has a similarity of {things[0].similarity:.2f})" if things else ""
-        return [(asked, f"not found: no thing here looks like it{like}")]
-    for one in [one for one in things[:most] if one.grade == grade]:
+def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:
+    lead = f"{things[0].score - things[1].score:+.2f}" if things[1:] else "-"
+    rows: list[tuple[str, ...]] = [(answer.phrase, answer.refusal)] if answer.refusal else []
+    for one in things[: len(answer.things)]:
         size = show_size(one.size) if len(one.members) else "moves"
         told = show_point(one.center), size, str(one.frame), clock(one.last_s)
-        rows.append(("" if rows else asked, grade, f"{one.similarity:.2f}", "" if rows else lead, *told))
+        rows.append(
+            ("" if rows else answer.phrase, one.grade, f"{one.score:.2f}", "" if rows else lead, *told)
+        )
     return rows
 
 

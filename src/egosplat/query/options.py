@@ -15,6 +15,9 @@ CANONICAL = ("object", "things", "stuff", "texture")
 # Things that an answer of the whole scene lists, if it is not told how many.
 MOST = 3
 
+# Keys of ``query`` that move a thing's score, or are a limit of the user's own: a fit holds for the values it was made with.
+HELD = ("canonical", "temperature", "box_filter", "segmentation_threshold", "min_score")
+
 
 class QueryOptions(Options, section="query"):
     """Answers to text queries, in the benchmark and in egosplat query."""

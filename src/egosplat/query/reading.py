@@ -60,9 +60,7 @@ def read_questions(clip: OpenClip, text: str, names: Collection[str] = ()) -> li
     plain = unicodedata.normalize("NFKC", typed)
     parts = list(_split(_strip(plain)))
     questions = [_read(clip, part, names) for part in parts] or [blank]
-    if parts == [plain] and (
-        questions[0].read == plain or not questions[0].relation and not questions[0].phrase
-    ):
+    if parts == [plain] and questions[0].phrase in (plain, "") and not questions[0].relation:
         questions = [Question(typed, refusal=refuse_phrase(clip, typed))]
     for row in range(len(questions) - 1, 0, -1):
         # "Cup and book on the table": both.

@@ -109,14 +109,14 @@ def untaught_words(clip: OpenClip, phrase: str) -> list[str]:
     return [] if clip.words is None else [word for word in words if word not in clip.words]
 
 
-def explain_untaught(untaught: Sequence[str]) -> str | None:
-    """Say that words of ``untaught_words`` have no answer; None without any."""
-    if not untaught:
-        return None
+def explain_untaught(clip: OpenClip, phrase: str) -> tuple[tuple[str, ...], str | None]:
+    """The words of ``untaught_words``, and that they have no answer, with those that may be meant; None without any."""
+    untaught = tuple(untaught_words(clip, phrase))
     if not any(map(str.isalnum, "".join(untaught))):
-        return "The query holds no word."
+        return untaught, "The query holds no word." if untaught else None
     words = [f'"{word}"' for word in dict.fromkeys(untaught)]
-    return f"The models here were never taught the word{'s' if words[1:] else ''} {', '.join(words)}."
+    why = f"The models here were never taught the word{'s' if words[1:] else ''} {', '.join(words)}."
+    return untaught, " ".join(filter(None, (why, suggest(clip, phrase, untaught))))
 
 
 def suggest(clip: OpenClip, phrase: str, untaught: Sequence[str]) -> str | None:

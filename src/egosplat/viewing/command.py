@@ -1,5 +1,6 @@
 """Show a finished scene in the browser until the user ends it (``egosplat view``), or write its page (``egosplat page``)."""
 
+import os
 import threading
 import webbrowser
 from functools import cache
@@ -10,7 +11,7 @@ from egosplat.artifacts.lineage import locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
-from egosplat.pipeline.home import check_scene_folder, title_of
+from egosplat.pipeline.home import NAMES, check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
 from egosplat.query.options import AskingOptions
@@ -36,6 +37,8 @@ def run(folder: Path, options: PageOptions, host: str, port: int, *, browse: boo
             server.serve_forever()
         except KeyboardInterrupt:
             log("ended")
+            # An end that waits for no thread, and finds none that still computes: else the process aborts.
+            os._exit(0)
 
 
 def write_page(folder: Path, output: Path, options: AskingOptions, title: str | None = None) -> None:
@@ -75,7 +78,7 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
         # Here, because PyTorch takes seconds to import, which a page that is there does not need.
         from egosplat.query.finished_scene import scene_of
 
-        return scene_of(artifacts.values(), keys)
+        return scene_of(artifacts.values(), keys, folder)
 
     path = folder / _PAGE.output
     page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
@@ -88,14 +91,19 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
     if not facts["tower"]:
         # Nothing else encodes words: an OpenCLIP that is missing is told at once.
         scene().clip  # noqa: B018
+
+    known = dict(zip(facts["words"], facts["answers"], strict=True))
     lock = threading.Lock()
 
-    def ask(phrase: str) -> Facts:
+    def ask(**asked: str) -> Facts:
+        word = asked.get("phrase", "").lower()
+        if word in known and not (folder / NAMES).is_file():
+            return {"answers": [known[word]]}
         from egosplat.viewing.words import ask_for_page
 
         with lock:
             try:
-                return ask_for_page(scene(), phrase)
+                return ask_for_page(scene(), **asked)
             except UserError as error:
                 return {"why": str(error)}
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import egosplat
 from egosplat.artifacts.reader import Artifact
-from egosplat.query.options import QueryOptions
+from egosplat.query.options import HELD
 from egosplat.viewing.options import ScenePageOptions
 
 Arrays = dict[str, np.ndarray]
@@ -94,8 +94,8 @@ def served_html(page: str, asking: str) -> str:
 def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions) -> Facts:
     """The version, the artifacts' digests and the options: pages with equal records show and answer the same."""
     values = options.as_dict()
-    # The other keys say where a page is computed, and which OpenCLIP, which features.zarr tells.
-    kept = (*QueryOptions.model_fields, "max_gaussians")
+    # The other keys change no answer of a whole scene, or say which OpenCLIP, which features.zarr tells.
+    kept = (*HELD, "present_share", "max_gaussians")
     return {
         "version": egosplat.__version__,
         "made_from": {artifact.path.name: artifact.digest for artifact in artifacts},

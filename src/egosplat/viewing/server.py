@@ -17,8 +17,8 @@ from urllib.parse import parse_qs, urlsplit
 from egosplat.errors import UserError
 from egosplat.viewing.html import served_html
 
-# Vector and verdict of a phrase, or the reason why it has none, as ``source/answer.js`` reads them.
-Ask = Callable[[str], dict[str, Any]]
+# The answers to a ``phrase``, or to what is ``like`` an instance or gets a ``name``, as ``source/answer.js`` reads them.
+Ask = Callable[..., dict[str, Any]]
 
 _HEADERS = {
     "Cache-Control": "no-store",
@@ -60,8 +60,8 @@ class PageServer(ThreadingTCPServer):
         self.address += f"?token={self.token}" if self.token else ""
 
     def offer(self, page: str, ask: Ask) -> None:
-        """Set the page, and what answers phrases that it does not know."""
-        self.page, self.ask = served_html(page, f"ask?token={self.token}&phrase=").encode(), ask
+        """Set the page, and what answers for it."""
+        self.page, self.ask = served_html(page, f"ask?token={self.token}&").encode(), ask
 
     def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of a browser that leaves before its answer."""
@@ -73,7 +73,7 @@ class _Handler(BaseHTTPRequestHandler):
     server: PageServer
 
     def do_GET(self) -> None:
-        """Send the page or the vector of a phrase."""
+        """Send the page, or answers; a name is given by POST alone, which no link does."""
         is_addressed = self._is_addressed()
         asked = urlsplit(self.path if is_addressed else "")
         given = {name: values[-1] for name, values in parse_qs(asked.query).items()}
@@ -83,10 +83,13 @@ class _Handler(BaseHTTPRequestHandler):
         elif asked.path == "/":
             self._send(HTTPStatus.OK, "text/html", self.server.page)
         elif asked.path == "/ask":
-            reply = json.dumps(self.server.ask(given.get("phrase", "")))
-            self._send(HTTPStatus.OK, "application/json", reply.encode())
+            keys = ("like", "name") if self.command == "POST" else ("like", "phrase")
+            reply = self.server.ask(**{key: given[key] for key in keys if key in given})
+            self._send(HTTPStatus.OK, "application/json", json.dumps(reply, allow_nan=False).encode())
         else:
             self._send(HTTPStatus.NOT_FOUND, "text/plain", b"There is nothing here.\n")
+
+    do_POST = do_GET
 
     def _is_addressed(self) -> bool:
         """Whether the request is meant for this server, and comes from its own page, from a link or from no page."""

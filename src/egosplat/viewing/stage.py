@@ -14,7 +14,7 @@ from egosplat.files import write_text
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, known_poses
 from egosplat.histories.known import Histories, Rests
-from egosplat.histories.told import APART, Carried
+from egosplat.histories.told import APART
 from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query import grades
@@ -31,7 +31,7 @@ from egosplat.viewing.gaussians import (
 )
 from egosplat.viewing.html import Arrays, Facts, pack, record_of, scene_html
 from egosplat.viewing.options import ScenePageOptions
-from egosplat.viewing.words import pack_words
+from egosplat.viewing.words import carried_facts, pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, HISTORIES)
 
@@ -137,13 +137,8 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
     if histories is None or not histories.things:
         return {}, {"carried_things": []}
 
-    def facts(one: Carried) -> Facts:
-        start, end = (place.tolist() if np.isfinite(place).all() else None for place in (one.start, one.end))
-        told = {"from": one.from_s, "until": one.until_s, "start": start, "end": end}
-        return told | {"size": one.size, "certain": one.certain}
-
     vectors = {"carried_vectors": histories.features.numpy().astype(np.float16)}
-    return vectors, {"carried_things": [[*map(facts, carries)] for carries in histories.things]}
+    return vectors, {"carried_things": [*map(carried_facts, histories.things)]}
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:

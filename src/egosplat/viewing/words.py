@@ -1,17 +1,20 @@
 """Put words on the page: features and answers of a list of words, and the text tower of a small OpenCLIP for any other words."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 
+from egosplat.histories.told import Carried
 from egosplat.models.clip import OpenClip
 from egosplat.models.without_compiler import without_compiler
 from egosplat.query.answers import Answer
 from egosplat.query.catalog import catalog
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import NOT_ASKED
+from egosplat.query.like import Looks, give_name, judge, read_names
+from egosplat.query.options import MOST
 from egosplat.query.reading import PATTERNS
 from egosplat.query.text import CARRIED, WORDS, clean_phrase, encode_phrases, words_to_try
 from egosplat.viewing.html import Arrays, Facts
@@ -44,46 +47,62 @@ def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
         "taught": sorted(clip.words) if isinstance(clip.words, frozenset) else None,
         "tower": tower,
         "reading": PATTERNS | {"plurals": WORDS["plurals"]},
-        "catalog": [
-            answer_facts(one, scene.levels) | {"name": one.phrase, "also": one.also} for one in catalog(scene)
-        ],
+        "catalog": [answer_facts(one, scene.levels) | {"also": one.also} for one in catalog(scene)],
     }
 
 
-def ask_for_page(scene: Scene, phrase: str) -> Facts:
-    """The vector and the verdict of a phrase, how it was ``read`` if otherwise, or why it has none, as ``source/answer.js`` reads them:
-    a list has the things of all its answers, with the name of each."""
+def ask_for_page(scene: Scene, phrase: str = "", like: str = "", name: str = "") -> Facts:
+    """The ``answers`` to a phrase, or to an instance of the scene: what is ``like`` it, or a ``name`` that it is given now, as
+    ``source/answer.js`` reads them. The best has the ``vector`` of its words. UserError: as ``Looks``."""
+    instance = int(like[:9]) if like.isdecimal() else -1
+    if name:
+        give_name(scene, instance, phrase := name)
+    known, key = read_names(scene.folder), clean_phrase(phrase).lower()
+    if like or key in known:
+        looks = Looks(scene)
+        own, features = (None, looks.called(key, known)) if key in known else looks.thing(instance)
+        answer = judge(key or "more like this", looks.find(features, MOST, but=own))
+        return {"answers": [answer_facts(answer, scene.levels) | {"measure": "similarity"}]}
     answers = scene.ask(phrase)
     best = next((one for one in answers if one.things), answers[0])
-    reads = [f"{one.asked} ({one.refusal})" if one.refusal and answers[1:] else one.asked for one in answers]
-    read = None if reads == [clean_phrase(phrase)] else "; ".join(reads)
-    if best.untaught or not best.phrase or best.grade == NOT_ASKED:
-        return {"why": best.refusal, "read": read}
-    vector = scene.encode([best.phrase]).queries[0].tolist()
-    facts, every = answer_facts(best, scene.levels), [answer_facts(one, scene.levels) for one in answers]
-    if answers[1:]:
-        named = zip(answers, every, strict=True)
-        facts["things"] = [thing | {"name": one.asked} for one, facts in named for thing in facts["things"]]
-    return {"vector": vector, "answer": facts, "read": read}
+    told = [answer_facts(one, scene.levels) for one in answers]
+    if best.phrase and not best.untaught and best.grade != NOT_ASKED:
+        told[answers.index(best)]["vector"] = scene.encode([best.phrase]).queries[0].tolist()
+    return {"answers": told}
 
 
 def answer_facts(answer: Answer, levels: Sequence[str]) -> Facts:
-    """A verdict of the whole scene with the things that are shown; ``level`` is that of the best match, by its index."""
+    """An answer of the whole scene with the things that are shown; ``level`` is that of the best match, by its index."""
     moving, names = answer.moving, ("score", "rating", "frame")
     things = [
         {name: getattr(thing, name) for name in names}
-        | {"level": levels.index(thing.level), "center": thing.center.tolist(), "size": thing.size.tolist()}
+        | {"level": levels.index(thing.level), "instance": getattr(thing, "instance", None)}
+        # What moves has no place.
+        | {one: getattr(thing, one).tolist() if len(thing.members) else None for one in ("center", "size")}
         for thing in answer.things
     ]
     return {
+        "name": answer.asked,
         "grade": answer.grade,
         "score": answer.score,
-        "rating": answer.rating,
+        "rating": None if answer.untaught else answer.rating,
         "why": answer.refusal,
         "level": levels.index(answer.candidates[0].level) if answer.candidates else None,
         "things": things,
         "moving": moving and {name: getattr(moving, name) for name in ("rating", "frame", "spans")},
+        "history": carried_facts(answer.history),
     }
+
+
+def carried_facts(carries: Iterable[Carried]) -> list[Facts]:
+    """When a thing is carried, and from where to where."""
+
+    def facts(one: Carried) -> Facts:
+        start, end = (place.tolist() if np.isfinite(place).all() else None for place in (one.start, one.end))
+        told = {"from": one.from_s, "until": one.until_s, "start": start, "end": end}
+        return told | {"size": one.size, "certain": one.certain}
+
+    return [*map(facts, carries)]
 
 
 def _tower(clip: OpenClip) -> tuple[Arrays, Facts | None]:

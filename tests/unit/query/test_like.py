@@ -3,7 +3,6 @@
 import json
 import re
 import shutil
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,40 +10,25 @@ import pytest
 from PIL import Image
 
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.like import Looks, see
-from tests.support.commands import run_command
-from tests.support.scenes import put
-
-# The thing of each view, and what is around it in its frame: a couch on the left, a wall, a cup on the right.
-BOXES = [(0, 0, 30, 96), (33, 0, 63, 96), (66, 0, 96, 96)]
+from egosplat.query.like import Looks
+from tests.support.page_scene import put_looks
 
 
 @pytest.fixture
 def scene(page_scene, tmp_path) -> Path:
     """A scene whose things were seen in frames 0 and 2, with their pictures."""
     folder = Path(shutil.copytree(page_scene, tmp_path / "results/adt/scene1"))
-    opened = open_scene(folder, device="cpu")
-    views = [(thing, frame, BOXES[thing]) for thing in range(3) for frame in (0, 2)]
-    crops = [opened.frames[frame][y0:y1, x0:x1] for _, frame, (x0, y0, x1, y1) in views]
-    feature = np.concatenate([see(opened.clip, crop)[:1] for crop in crops]).astype(np.float32)
-    thing, frame, box = (np.array(column, np.int32) for column in zip(*views, strict=True))
-    arrays = {"instance": thing, "frame": frame, "box": box, "area": frame + 9, "feature": feature}
-    level = opened.artifact("instances").read("instances/level")
-    facts = opened.encoded.facts
-    put(folder, "view_features", arrays | {"instances/level": level}, facts, made_from=["instances"])
-    for name, crop in zip(("couch", "wall", "cup"), crops[::2], strict=True):
+    crops = put_looks(folder)
+    for name, crop in zip(("couch", "wall", "cup"), crops, strict=True):
         Image.fromarray(crop).save(tmp_path / f"{name}.png")
     Image.fromarray(np.full((40, 40, 3), 255, np.uint8)).save(tmp_path / "white.png")
     return folder
 
 
-@pytest.fixture
-def egosplat(monkeypatch, capfd):
-    return partial(run_command, monkeypatch, capfd)
-
-
-def test_a_picture_finds_its_thing_and_when_it_was_seen_last(scene, egosplat, tmp_path):
-    _, out, err = egosplat("query", scene, "--like", tmp_path / "cup.png", "--like", tmp_path / "white.png")
+def test_a_picture_finds_its_thing_and_when_it_was_seen_last(scene, run_command, tmp_path):
+    _, out, err = run_command(
+        "query", scene, "--like", tmp_path / "cup.png", "--like", tmp_path / "white.png"
+    )
     _, _, cup, *_ = out.splitlines()
     asked, answer, similarity, lead, center, *_, last = re.split(r"\s{2,}", cup)
     assert asked.endswith("cup.png") and answer == "found" and float(similarity) > 0.9, err
@@ -63,17 +47,17 @@ def test_of_what_overlaps_the_most_alike_is_told(scene):
     assert [one.instance for one in looks.find(looks.feature[2:3], 1)] == [5]
 
 
-def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, egosplat, tmp_path):
+def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_command, tmp_path):
     other = Path(shutil.copytree(scene, tmp_path / "results/adt/other"))
-    assert egosplat("name", scene, "cup", " My  Mug")[0] == 0
-    assert egosplat("name", scene, "-1.0,0,2", "sofa")[0] == 0
+    assert run_command("name", scene, "cup", " My  Mug")[0] == 0
+    assert run_command("name", scene, "-1.0,0,2", "sofa")[0] == 0
     assert list(json.loads((scene / "names.json").read_text())) == ["my mug", "sofa"]
     for words, folder in (((), scene), (("--names", scene), other)):
-        _, out, err = egosplat("query", folder, "my mug", "couch", *words, "--overwrite")
+        _, out, err = run_command("query", folder, "my mug", "couch", *words, "--overwrite")
         assert "my mug  found   1.00" in out and "\ncouch" in out and (folder / "query_like.png").exists(), (
             err
         )
-    assert f"alike in {other}" in egosplat("query", other, scene, "--like", tmp_path / "wall.png")[1]
+    assert f"alike in {other}" in run_command("query", other, scene, "--like", tmp_path / "wall.png")[1]
 
 
 @pytest.mark.parametrize(
@@ -88,10 +72,10 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, egospla
         (["name", "spaceship", "mug"], "give a place"),
     ],
 )
-def test_a_user_s_mistake_is_told(scene, egosplat, tmp_path, monkeypatch, words, told):
+def test_a_user_s_mistake_is_told(scene, run_command, tmp_path, monkeypatch, words, told):
     monkeypatch.chdir(tmp_path)
     Image.new("RGB", (8, 90)).save("small.png")
     Path("text.png").write_text("no picture")
     Path("old.json").write_text(json.dumps({"my mug": {"clip": "old", "features": []}}))
-    status, _, err = egosplat(words[0], scene, *words[1:])
+    status, _, err = run_command(words[0], scene, *words[1:])
     assert status == 2 and told in err and "Traceback" not in err

@@ -21,7 +21,6 @@ from egosplat.query.options import QueryOptions
 from egosplat.query.text import Texts
 from egosplat.viewing.command import open_page
 from egosplat.viewing.options import PageOptions
-from tests.support.commands import run_command
 from tests.support.page_scene import put_page_scene
 
 CUP, BOX, BED, OBJECT = torch.eye(4)
@@ -78,16 +77,16 @@ def folder(tmp_path, monkeypatch):
     return tmp_path / "scene"
 
 
-def test_every_answer_tells_when_a_person_was_seen(folder, monkeypatch, capfd):
+def test_every_answer_tells_when_a_person_was_seen(folder, monkeypatch, run_command):
     scene = open_scene(folder, device="cpu")
     person, cup = scene.ask("person", "cup")
     assert (person.grade, person.things, person.moving.frame) == ("seen moving", (), 4)
     assert person.moving.spans == (pytest.approx((0.1, 0.4)),) and cup.moving is None and cup.grade == "found"
-    _, out, _ = run_command(monkeypatch, capfd, "query", folder, "person", "elephant", "--overwrite")
+    _, out, _ = run_command("query", folder, "person", "elephant", "--overwrite")
     told = next(line for line in out.splitlines() if line.startswith("person"))
     assert re.split(r"\s{2,}", told) == ["person", "seen moving", "-", "-", "0:00 to 0:00", "frame 4"]
     assert Image.open(folder / "query.png").size[1] > 400
-    reply = open_page(folder, PageOptions(device="cpu"))[1]("person")["answer"]
+    reply = open_page(folder, PageOptions(device="cpu"))[1](phrase="person")["answers"][0]
     assert reply["grade"] == "seen moving" and not reply["things"] and "seen moving" in str(schema("metrics"))
     assert reply["moving"] == {"rating": None, "frame": 4, "spans": person.moving.spans}
     with pytest.raises(UserError, match="seen moving 0:00 to 0:00"):

@@ -6,7 +6,7 @@ import shutil
 import socket
 import struct
 from functools import partial
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlencode, urlsplit
 
 import pytest
 
@@ -23,14 +23,14 @@ PAGE = "<html lang=\"en\">default-src 'none';"
 
 @pytest.fixture
 def start(serve):
-    """``start(host)``: a server that answers a phrase with its length."""
-    return partial(serve, PAGE, lambda phrase: {"vector": [len(phrase)]})
+    """``start(host)``: a server that answers with what it was asked."""
+    return partial(serve, PAGE, lambda **asked: asked)
 
 
-def ask(server, path="/", **headers):
+def ask(server, path="/", method="GET", **headers):
     """Status and text of a request to 127.0.0.1."""
     connection = http.client.HTTPConnection("127.0.0.1", server.server_address[1])
-    connection.request("GET", path, headers=headers)
+    connection.request(method, path, headers=headers)
     reply = connection.getresponse()
     return reply.status, reply.read().decode()
 
@@ -40,7 +40,11 @@ def test_a_served_page_may_ask_for_phrases(start):
     status, page = ask(server)
     assert status == 200 and "connect-src 'self';" in page
     path = page.partition('data-asking="')[2].partition('"')[0].replace("&amp;", "&")
-    assert ask(server, "/" + path + quote("café & bar")) == (200, json.dumps({"vector": [10]}))
+    for method, kept in (("GET", ("phrase", "like")), ("POST", ("like", "name"))):
+        asked = {"phrase": "café & bar", "like": "7", "name": "my mug"}
+        status, told = ask(server, f"/{path}{urlencode(asked | {'x': 'y'})}", method)
+        assert json.loads(told) == {key: asked[key] for key in kept}, "no link gives a name"
+    assert ask(server, f"/{path}name=x", "POST", Origin="http://evil.example")[0] == 403
     assert ask(server, "/other")[0] == 404
 
 
@@ -124,7 +128,7 @@ def test_other_computers_need_the_token(start):
     for query in ("", "?token=", "?token=x", f"?token={server.token}x", "?token=%C3%A9"):
         assert ask(server, f"/{query}")[0] == 403
     status, page = ask(server, f"/?{address.query}")
-    assert status == 200 and f"ask?token={server.token}&amp;phrase=" in page
+    assert status == 200 and f"ask?token={server.token}&amp;" in page
     assert ask(server, "/ask?phrase=x")[0] == 403
     elsewhere = {"Referer": server.address, "Cookie": address.query, "Authorization": server.token}
     assert {ask(server, **{name: value})[0] for name, value in elsewhere.items()} == {403}
@@ -159,8 +163,16 @@ def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, page_sc
     assert title(served()) != TITLE and (folder / "scene.html").read_text() == written
 
 
-def test_phrases_without_a_vector_get_a_reason(page_scene):
+def test_a_question_is_answered_with_a_vector_or_a_reason(page_scene):
     _, answer = open_page(page_scene, PageOptions(device="cpu"))
-    assert sum(value * value for value in answer("red couch")["vector"]) == pytest.approx(1)
-    assert '"zeppelin"' in answer("zeppelin")["why"]
-    assert "blank" in answer(" \u200b")["why"] and "no word" in answer("::")["why"]
+    [red] = answer(phrase="where is my red couch?")["answers"]
+    assert sum(value * value for value in red["vector"]) == pytest.approx(1) and red["name"] == "red couch"
+    for phrase, why in {
+        "coutch": 'mean "couch"?',
+        "zeppelin": "zeppelin",
+        " \u200b": "blank",
+        "::": "no word",
+    }.items():
+        [told] = answer(phrase=phrase)["answers"]
+        assert why in told["why"] and "vector" not in told and not told["things"]
+    assert "no picture" in answer(like="7")["why"] or "view_features" in answer(like="7")["why"]

@@ -207,6 +207,9 @@ function judge(scene, neighbors, relevancy, phrase, vector) {
   return { things: shown, grade, level: best?.level, score: best?.score ?? 0, rating: best?.rating ?? 0, why: shown.length ? null : best ? below : nothing };
 }
 
+// What asks for the things that look like one that was clicked.
+const ALIKE = "more like this";
+
 // Letters of the longest text that is worth splitting or sending.
 const LONGEST = 2000;
 
@@ -219,55 +222,154 @@ function shownFigure(value, verdict) {
   return (near.find((one) => verdict(one) === verdict(value)) ?? value).toFixed(2);
 }
 
-// A phrase without what asks for it, or the reason why it is not answered here: egosplat/query/reading.py reads by the same patterns.
-function readPhrase({ reading, taught }, phrase) {
-  const matches = (name, text) => new RegExp(reading[name], "iu").test(text);
-  const without = (name, text) => text.replace(new RegExp(reading[name], "iu"), "").trim() || text;
-  if (/^["\u201c].+["\u201d]$/u.test(phrase)) return { phrase: phrase.slice(1, -1) };
-  const parts = phrase.split(new RegExp(reading.list, "iu")).filter(Boolean);
-  if (parts.length > 1 && !matches("relation", phrase) && !matches("look", parts[0])) return { why: `several things: ask for one at a time, such as ${shortened(parts[0])}` };
-  for (let before = ""; phrase !== before;) {
-    before = phrase;
-    phrase = without("trail", phrase);
-    if (phrase === before) phrase = without("lead", phrase);
-  }
-  if (matches("relation", phrase) || matches("anything", phrase)) return { why: "egosplat view answers where things stand, and what is there; this page answers names of things" };
-  const singular = (word) => reading.plurals.map(([end, own]) => word.replace(new RegExp(end, "iu"), own)).find((one) => one !== word && taught.includes(one.toLowerCase()));
-  if (taught) phrase = phrase.replace(/[\p{L}\p{N}]+/gu, (word) => (taught.includes(word.toLowerCase()) || matches("pairs", word) ? word : singular(word) ?? word));
-  return { phrase };
+const matches = (pattern, text) => new RegExp(pattern, "iu").test(text);
+
+// A relevancy of each Gaussian at each level by which the instances of things are colored; null without any.
+function ofInstances(scene, things) {
+  const chosen = things.filter(({ instance }) => instance != null);
+  if (!chosen.length || !scene.instance) return null;
+  return scene.instance.map((numbers, level) => {
+    const rated = new Map(chosen.filter((thing) => thing.level === level).map(({ instance, rating }) => [instance + 1, rating]));
+    return Float32Array.from({ length: scene.count }, (_, one) => rated.get(numbers[one]) ?? 0);
+  });
 }
 
-// The vector of a clean phrase with its verdict, if it is known, or the reason why it has none; and how it was read, if otherwise.
-async function encodePhrase(scene, tower, phrase) {
-  const { words, answers, taught } = scene.facts, { asking } = document.documentElement.dataset;
-  if (!phrase) return { why: "Type the name of a thing." };
-  if (!/[\p{L}\p{N}]/u.test(phrase)) return { why: "The query holds no word." };
-  // As in Python, where ftfy makes wide letters plain.
-  phrase = phrase.normalize("NFKC");
-  const known = words.indexOf(phrase.toLowerCase());
-  if (known >= 0) return { vector: scene.wordVectors[known], answer: answers[known] };
-  if (phrase.length > LONGEST) return { why: "too long: shorten it" };
-  if (asking) return askServer(asking, phrase);
-  const { phrase: read, why } = readPhrase(scene.facts, phrase);
-  if (why) return { why };
-  if (read !== phrase) return { ...(await encodePhrase(scene, tower, read)), read };
-  if (!tower) return { why: `not on the page's list of ${words.length} words; egosplat view answers any words` };
+// Words of a phrase that the model was not trained on; none for a model that knows every word.
+const untaughtWords = ({ taught }, phrase) => (taught ? (phrase.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? []).filter((word) => !taught.includes(word)) : []);
+
+// The questions that a clean text asks, each with the name that it is read as: egosplat/query/reading.py reads by the same patterns. One that
+// tells where a thing stands is told by its relation alone.
+function readQuestions(facts, typed) {
+  const { reading, words } = facts, names = words.map((word) => word.toLowerCase());
+  if (names.includes(typed.toLowerCase())) return [{ name: typed }];
+  if (/^["\u201c].+["\u201d]$/u.test(typed)) return [{ name: typed.slice(1, -1) }];
+  const plain = typed.normalize("NFKC"), parts = splitList(reading, withoutAsking(reading, plain));
+  const questions = parts.map((part) => readQuestion(facts, names, part));
+  if (!parts.length || (parts.length === 1 && parts[0] === plain && !questions[0].relation && (questions[0].name === plain || !questions[0].name))) return [{ name: typed }];
+  for (let row = questions.length - 1; row > 0; row--) {
+    const [before, last] = [questions[row - 1], questions[row]];
+    if (last.relation && !before.relation && typed.includes(`${parts[row - 1]} and ${parts[row]}`)) Object.assign(before, { relation: last.relation, stand: last.stand });
+  }
+  return questions;
+}
+
+// A list's parts, but neither "between a and b" nor "black and white".
+function splitList(reading, text) {
+  const held = text.replace(/(\bbetween\b.+?)\s+and\s+/giu, "$1 \0 "), found = [];
+  let before = "";
+  for (const part of held.split(new RegExp(reading.list, "iu")).filter(Boolean)) {
+    if (matches(reading.look, part)) before += `${part} and `;
+    else found.push(before + part), (before = "");
+  }
+  return before ? [...found, before.replace(/ and $/, "")] : found;
+}
+
+function withoutAsking(reading, text) {
+  const without = (name, phrase) => phrase.replace(new RegExp(reading[name], "iu"), "") || phrase;
+  let rest = text.trim();
+  for (let before = ""; rest !== before;) {
+    before = rest;
+    rest = without("trail", rest);
+    if (rest === before) rest = without("lead", rest);
+  }
+  return rest;
+}
+
+function readQuestion(facts, names, text) {
+  const { reading, taught } = facts, thing = names.includes(text.toLowerCase()) ? text : withoutAsking(reading, text);
+  const isKnown = names.includes(thing.toLowerCase()) || (taught && !untaughtWords(facts, thing).length);
+  const said = isKnown ? null : new RegExp(reading.relation, "iu").exec(thing);
+  const rest = said ? thing.slice(said.index + said[0].length).split("\0") : [];
+  if (!said || rest.every((other) => matches(reading.look, withoutAsking(reading, other)))) return { name: readName(facts, thing) };
+  const phrase = withoutAsking(reading, thing.slice(0, said.index));
+  return { name: phrase && readName(facts, phrase), relation: said[0].trim(), stand: thing.slice(said.index).trim().replaceAll("\0", "and") };
+}
+
+// A name, by a singular that is known where the plural is not; empty for anything.
+function readName(facts, phrase) {
+  const { reading, taught, words, tower } = facts, known = taught ?? (tower ? null : words);
+  if (matches(reading.anything, phrase)) return "";
+  const isKnown = (word) => known.includes(word.toLowerCase());
+  const singular = (word) => reading.plurals.filter(([end]) => matches(end, word)).map(([end, own]) => word.toLowerCase().replace(new RegExp(end, "iu"), own)).find(isKnown);
+  return known ? phrase.replace(/[\p{L}\p{N}]+/gu, (word) => (isKnown(word) || matches(reading.pairs, word) ? word : singular(word) ?? word)) : phrase;
+}
+
+// The answers of the page alone to a clean text. Each has the ``name`` that it was asked by, and either things or why there are none.
+async function answerAlone(scene, tower, neighbors, typed) {
+  if (!/[\p{L}\p{N}]/u.test(typed)) return [refused(typed, "The query holds no word.")];
+  if (typed.length > LONGEST) return [refused(typed, "too long: shorten it")];
+  const answers = [];
+  for (const question of readQuestions(scene.facts, typed)) {
+    if (question.relation) {
+      const asked = [question.name || "what", question.stand].join(" ");
+      answers.push(refused(asked, `not asked: where things stand is not in this file; it is told by ${command(scene, asked)}`));
+    } else if (!question.name) answers.push(...(scene.facts.catalog.length ? scene.facts.catalog : [refused("anything", "nothing that this file knows a word for is found")]));
+    else answers.push(await answerName(scene, tower, neighbors, question.name));
+  }
+  return answers;
+}
+
+async function answerName(scene, tower, neighbors, name) {
+  const { words, answers } = scene.facts, phrase = name.normalize("NFKC"), known = words.indexOf(phrase.toLowerCase());
+  if (known >= 0) return { ...answers[known], name, vector: scene.wordVectors[known] };
+  if (!tower) return refused(name, `not on this file's list of ${words.length} words; it is told by ${command(scene, name)}. ${suggest(scene.facts, phrase, [phrase.toLowerCase()])}`.trim());
   const tokens = tower.tokenize(phrase), limit = tower.facts.context - 2;
-  if (tokens.length > limit) return { why: `too long: the model reads ${limit} tokens; shorten it` };
-  const untaught = taught ? (phrase.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? []).filter((word) => !taught.includes(word)) : [];
+  if (tokens.length > limit) return refused(name, `has ${tokens.length} tokens, the model reads ${limit}; shorten it`);
+  const untaught = untaughtWords(scene.facts, phrase);
   if (untaught.length) {
     const named = [...new Set(untaught)].map((word) => `"${word}"`);
-    return { why: `The models here were never taught the word${named.length > 1 ? "s" : ""} ${named.join(", ")}.` };
+    return refused(name, `The models here were never taught the word${named.length > 1 ? "s" : ""} ${named.join(", ")}. ${suggest(scene.facts, phrase, untaught)}`.trim());
   }
-  return { vector: tower.encode(tokens) };
+  const vector = tower.encode(tokens), relevancy = gaussianRelevancy(scene, paletteRelevancy(scene, vector));
+  scene.heated = performance.now();
+  return { ...judge(scene, await neighbors, relevancy, phrase, vector), name, vector, relevancy, history: historyOf(scene, phrase, vector) };
 }
 
-// The server that the page came from has the scene.
-async function askServer(address, phrase) {
+const refused = (name, why) => ({ name, why, grade: "not asked", things: [], history: [] });
+
+// What answers a text of which the page alone cannot.
+function command({ facts }, asked) {
+  const folder = /^[a-z0-9_]+\/[\w-]+$/.test(facts.title) ? `results/${facts.title}` : "FOLDER";
+  return `egosplat query ${folder} '${shortened(asked).replaceAll("'", "'\\''")}'`;
+}
+
+// Whether the nearest words that are known are meant; empty where a word has no near one.
+function suggest({ words, taught }, phrase, untaught) {
+  const known = [...words, ...(taught ?? [])];
+  let meant = phrase.toLowerCase();
+  for (const word of untaught) {
+    const near = known.map((one) => [likeness(one, word), one]).filter(([like]) => like >= 0.75);
+    if (!near.length) return "";
+    const best = near.reduce((one, other) => (other[0] > one[0] || (other[0] === one[0] && other[1] > one[1]) ? other : one));
+    meant = meant.replaceAll(new RegExp(`(?<![\\p{L}\\p{N}_])${word.replace(/[^\p{L}\p{N}]/gu, "\\$&")}(?![\\p{L}\\p{N}_])`, "gu"), best[1]);
+  }
+  return `Did you mean "${meant}"?`;
+}
+
+// Twice the letters of both texts that lie in common runs, as a share of all: the ratio of Python's difflib.
+function likeness(one, other) {
+  const common = (a, b) => {
+    let [size, from, at] = [0, 0, 0];
+    for (let i = 0; i < a.length; i++)
+      for (let j = 0; j < b.length; j++) {
+        let run = 0;
+        while (i + run < a.length && a[i + run] === b[j + run]) run++;
+        if (run > size) [size, from, at] = [run, i, j];
+      }
+    return size ? size + common(a.slice(0, from), b.slice(0, at)) + common(a.slice(from + size), b.slice(at + size)) : 0;
+  };
+  return (2 * common([...one], [...other])) / Math.max(1, [...one].length + [...other].length);
+}
+
+// What the server answers that the page came from, which has the scene: to a phrase, or to an instance that gets a name or is compared.
+async function askServer(scene, address, asked) {
+  const { words } = scene.facts, name = asked.name ?? asked.phrase ?? ALIKE;
+  const vectorOf = ({ name, vector }) => (vector ? Float32Array.from(vector) : scene.wordVectors[words.indexOf(name)]);
   try {
-    const { vector, answer, why, read } = await (await fetch(address + encodeURIComponent(phrase))).json();
-    return why ? { why, read } : { vector: Float32Array.from(vector), answer, read };
+    const reply = await fetch(address + new URLSearchParams(asked), { method: "name" in asked ? "POST" : "GET" });
+    const { why, answers } = await reply.json();
+    return why ? [refused(name, why)] : answers.map((answer) => ({ ...answer, vector: vectorOf(answer) }));
   } catch {
-    return { why: "egosplat view, which answers words, does not answer: is it still running?" };
+    return [refused(name, "egosplat view, which answers here, does not: is it still running?")];
   }
 }

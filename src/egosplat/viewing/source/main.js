@@ -59,6 +59,7 @@ class Page {
       Gaussians: facts.count < facts.trained_count ? `${number} of ${all}: those that cover most` : number,
       Checkpoints: facts.checkpoints.join("; "),
       Words: this.tower ? "any; the text model is in this file" : document.documentElement.dataset.asking ? "any; egosplat view answers them" : `only the ${facts.words.length} of the list: the text model is too large for this file`,
+      Pictures: document.documentElement.dataset.asking ? "click a thing to find what looks like it, or to name it" : "egosplat view finds what looks like a thing, and keeps names",
       Answers: facts.query.notice,
       Lengths: facts.unit,
       "Made by": `egosplat ${facts.version}`,
@@ -210,30 +211,43 @@ class Page {
     return this.canvas.toDataURL("image/png");
   }
 
+  // The questions that a text asks, for scripts.
+  read(text) {
+    return readQuestions(this.scene.facts, cleanPhrase(text));
+  }
+
+  // The best answer to a phrase, with all.
   async ask(phrase) {
-    const begun = performance.now(), question = ++this.questions;
-    phrase = cleanPhrase(phrase);
-    $("answer").textContent = `"${shortened(phrase)}" ...`;
-    const { vector, why, answer, read } = await encodePhrase(this.scene, this.tower, phrase);
+    const typed = cleanPhrase(phrase), { asking } = document.documentElement.dataset;
+    if (!typed) return this.answer(typed, [refused("", "Type the name of a thing.")]);
+    if (asking && typed.length <= LONGEST) return this.answer(typed, askServer(this.scene, asking, { phrase: typed }));
+    return this.answer(typed, answerAlone(this.scene, this.tower, this.neighbors, typed));
+  }
+
+  // Ask what looks like the thing that was clicked, or give it a name; egosplat view has its pictures.
+  askLike(like, name = null) {
+    if (name) $("vocabulary").append(element("option", "", { value: name }));
+    return this.answer(name ?? ALIKE, askServer(this.scene, document.documentElement.dataset.asking, name ? { like, name } : { like }));
+  }
+
+  // Tell answers once they are there. Until then nothing of the last question is shown.
+  async answer(typed, coming) {
+    const begun = performance.now();
+    this.clear();
+    const question = this.questions;
+    $("answer").textContent = `"${shortened(typed)}" `;
+    $("answer").setAttribute("aria-busy", "true");
+    const answers = await coming;
     if (question !== this.questions) return null;
-    if (why) {
-      this.clear();
-      return this.tell(phrase, { why, read });
-    }
-    const relevancy = gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector));
-    this.heatTime = performance.now() - begun;
-    this.sought = null;
-    const neighbors = await this.neighbors;
-    if (question !== this.questions) return null;
-    const { level, ...judged } = answer ?? judge(this.scene, neighbors, relevancy, phrase, vector), [best] = judged.things;
+    const told = this.tell(typed, answers), { vector, things: [best] } = told;
+    this.mark = best?.center ? { point: best.center, text: this.markOf(told.name, best, told) } : null;
+    const relevancy = told.relevancy ?? (vector ? gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector)) : ofInstances(this.scene, told.things));
     this.answerTime = performance.now() - begun;
-    $("heat").hidden = false;
-    this.mark = best ? { point: best.center, text: this.markOf(best.name ?? read ?? phrase, best) } : null;
-    this.tellHistory(phrase, historyOf(this.scene, phrase, vector), judged.moving?.spans.map(([from, until]) => ({ from, until })));
-    this.show({ relevancy, level: level ?? this.showing.level, instances: false });
-    // What moves is masked: a carried thing is found nowhere, and yet known.
-    const carried = judged.why && this.history && !judged.moving;
-    return this.tell(phrase, { ...judged, read, why: carried ? "carried about: not found among what stays" : judged.why });
+    this.heatTime = told.relevancy ? this.scene.heated - begun : this.answerTime;
+    $("heat").hidden = !relevancy;
+    this.tellHistory(told.name, told.history, told.moving?.spans.map(([from, until]) => ({ from, until })));
+    this.show({ relevancy, level: told.level ?? this.showing.level, instances: false });
+    return told;
   }
 
   score(score) {
@@ -245,25 +259,43 @@ class Page {
     return shownFigure(rating, (one) => gradeOf(this.scene, one));
   }
 
-  markOf(phrase, thing) {
-    const guess = gradeOf(this.scene, thing.rating) === "best guess" ? ", best guess" : "";
-    return `${shortened(phrase)} ${this.rating(thing.rating)}${guess}`;
+  // A graded number behind what it is.
+  rated(answer, rating) {
+    if (answer.measure) return `${answer.measure} ${rating.toFixed(2)}`;
+    return `${this.scene.facts.query.calibration ? "probability" : "score"} ${this.rating(rating)}`;
   }
 
-  tell(phrase, answer) {
-    const number = answer.things?.length ?? 0, measure = this.scene.facts.query.calibration ? "probability" : "score";
-    const rated = answer.moving ? answer.moving.rating : answer.rating, rating = rated == null ? "" : ` (${measure} ${this.rating(rated)})`;
-    const read = answer.read ? ` (read as: ${shortened(answer.read)})` : "";
-    this.told = `"${shortened(phrase)}"${read}: ${answer.why ? answer.why + rating : number > 1 ? `${answer.grade}, ${number} of them` : answer.grade}`;
-    this.sought = number ? answer.things[0].center : null;
+  markOf(phrase, thing, answer) {
+    return `${shortened(phrase)} ${answer.measure ? thing.rating.toFixed(2) : this.rating(thing.rating)}${answer.grade === "best guess" ? ", best guess" : ""}`;
+  }
+
+  // Tell all answers; the first that has things is what is colored.
+  tell(typed, answers) {
+    const best = answers.find(({ things }) => things.length) ?? answers[0], [{ name }] = answers;
+    const asTyped = [name, `"${name}"`].some((one) => one.toLowerCase() === typed.toLowerCase());
+    const verdicts = answers.map((answer) => this.verdict(answer));
+    const read = answers.length > 1 || asTyped || !name ? "" : ` (read as: ${shortened(name)})`;
+    this.told = answers.length > 1 ? [`"${shortened(typed)}":`, ...answers.map(({ name }, row) => `${shortened(name)}: ${verdicts[row]}`)].join("\n") : `"${shortened(typed)}"${read}: ${verdicts[0]}`;
+    this.sought = best.things[0]?.center ?? null;
     this.sayAnswer();
-    const items = answer.moving ? [this.movingItem(answer.moving)] : (answer.things ?? []).map((thing) => this.thingItem(thing, thing.name ?? answer.read ?? phrase));
-    $("things").replaceChildren(...items);
-    return { phrase, ...answer };
+    const items = answers.flatMap((answer) => (answer.moving ? [this.frameItem(answer.moving.frame)] : answer.things.map((thing) => this.thingItem(thing, answer, answers.length > 1))));
+    const meant = [...new Set(answers.flatMap(({ why }) => /Did you mean "(.+)"\?/.exec(why ?? "")?.[1] ?? []))];
+    $("things").replaceChildren(...items, ...meant.map((phrase) => this.buttonItem(`\u2192 Ask for ${phrase}`, () => (($("words").value = phrase), this.ask(phrase)))));
+    return { phrase: typed, ...best, read: read ? name : null, answers };
+  }
+
+  // Why nothing is found, or how sure it is.
+  verdict(answer) {
+    const { things, grade, why, moving, history } = answer, rating = moving ? moving.rating : answer.rating;
+    // What moves is masked: a carried thing is found nowhere, and yet known.
+    if (why && history.length && !moving) return "carried about: not found among what stays";
+    if (why) return rating && !answer.measure ? `${why} (${this.rated(answer, rating)})` : why;
+    return things.length > 1 ? `${grade}, ${things.length} of them` : grade;
   }
 
   // The answer, and whether what it is about is in view, which changes as the viewer moves.
   sayAnswer() {
+    $("answer").removeAttribute("aria-busy");
     const outside = this.sought && !this.project(this.sought) ? ", outside of the view" : "";
     if ($("answer").textContent !== this.told + outside) $("answer").textContent = this.told + outside;
   }
@@ -307,35 +339,40 @@ class Page {
     this.redraw();
   }
 
-  thingItem(thing, phrase) {
-    const { facts } = this.scene, button = element("button", `\u2192 Go there: ${gradeOf(this.scene, thing.rating)} ${this.rating(thing.rating)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, { type: "button" });
-    const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
-    button.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
-    button.onclick = () => this.jump(thing, phrase);
-    const item = element("li", "");
+  buttonItem(text, act) {
+    const item = element("li", ""), button = element("button", text, { type: "button" });
+    button.onclick = act;
     item.append(button);
+    return item;
+  }
+
+  thingItem(thing, answer, named) {
+    const { facts } = this.scene, rated = answer.measure ? this.rated(answer, thing.rating) : this.rating(thing.rating);
+    if (!thing.center) return this.frameItem(thing.frame);
+    const item = this.buttonItem(`\u2192 Go there: ${answer.grade} ${rated}, ${facts.levels[thing.level]}, frame ${thing.frame}`, () => this.jump(thing, answer));
+    const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
+    if (named) item.firstChild.prepend(element("b", answer.name));
+    item.firstChild.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
     return item;
   }
 
   // A thing of the list of all: a click goes there, or tells when it moved.
-  catalogItem({ name, also, things: [thing], grade, why }) {
-    const item = thing ? this.thingItem(thing, name) : element("li", ""), button = thing ? item.firstChild : element("button", why ?? grade, { type: "button" });
-    button.prepend(element("b", name), element("small", also.length ? `or ${also.join(", ")}` : ""));
-    button.onclick = () => (thing ? (this.clear(), (this.told = name), this.jump(thing, name)) : this.ask(name));
-    item.append(button);
+  catalogItem(answer) {
+    const { name, also, things: [thing], grade, why } = answer;
+    const item = thing ? this.thingItem(thing, answer, true) : this.buttonItem(why ?? grade, () => this.ask(name)), button = item.firstChild;
+    if (!thing) button.prepend(element("b", name));
+    if (also.length) button.querySelector("b").after(element("small", `or ${also.join(", ")}`));
+    if (thing) button.onclick = () => (this.clear(), (this.told = name), this.jump(thing, answer));
     return item;
   }
 
   // To the frame that shows most of what moves.
-  movingItem({ frame }) {
-    const button = element("button", `\u2192 Go to frame ${frame}`, { type: "button" }), item = element("li", "");
-    button.onclick = () => (this.stop(), this.showFrame(Math.max(0, this.scene.facts.frames.findIndex((one) => one >= frame))));
-    item.append(button);
-    return item;
+  frameItem(frame) {
+    return this.buttonItem(`\u2192 Go to frame ${frame}`, () => (this.stop(), this.showFrame(Math.max(0, this.scene.facts.frames.findIndex((one) => one >= frame)))));
   }
 
   // To the frame that shows a thing best, but not farther away than it needs.
-  jump(thing, phrase) {
+  jump(thing, answer) {
     const { facts, poses } = this.scene, row = 12 * facts.frames.indexOf(thing.frame);
     const eye = [3, 7, 11].map((entry) => poses[row + entry]);
     const away = plus(eye, thing.center, -1), distance = Math.hypot(...away);
@@ -346,7 +383,7 @@ class Page {
     this.camera.lookAt(nearer, thing.center);
     this.pivot = this.sought = thing.center;
     this.moving = false;
-    this.mark = { point: thing.center, text: this.markOf(phrase, thing) };
+    this.mark = { point: thing.center, text: this.markOf(answer.name, thing, answer) };
     this.show({ level: thing.level });
   }
 
@@ -356,6 +393,7 @@ class Page {
     this.tellHistory("", []);
     $("heat").hidden = true;
     $("answer").textContent = "";
+    $("answer").removeAttribute("aria-busy");
     $("things").replaceChildren();
     this.show({ relevancy: null });
   }
@@ -404,7 +442,19 @@ class Page {
     $("place").append(element("small", `at ${place(point)} ${facts.unit}${instance}`));
     this.mark = { point, text: fitting.length ? fitting[0].word : "?" };
     this.placeMarks();
+    const own = instances?.[this.showing.level] ?? instances?.findLast((one) => one !== null) ?? null;
+    if (document.documentElement.dataset.asking && own !== null) this.offerInstance(own);
     return { words, instances, point };
+  }
+
+  // Buttons for the thing that was clicked.
+  offerInstance(number) {
+    const row = element("form", "", { class: "row" }), name = element("input", "", { type: "text", placeholder: "a name: my mug", "aria-label": "A name for this thing" });
+    const like = element("button", "More like this", { type: "button" });
+    like.onclick = () => this.askLike(number);
+    row.onsubmit = (event) => (event.preventDefault(), name.value.trim() && this.askLike(number, cleanPhrase(name.value)));
+    row.append(like, name, element("button", "Name it", { type: "submit" }));
+    $("place").append(row);
   }
 
   showCameras(cameras) {
