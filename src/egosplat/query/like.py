@@ -252,9 +252,8 @@ def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:
     for one in things[: len(answer.things)]:
         size = show_size(one.size) if len(one.members) else "moves"
         told = show_point(one.center), size, str(one.frame), clock(one.last_s)
-        rows.append(
-            ("" if rows else answer.phrase, one.grade, f"{one.score:.2f}", "" if rows else lead, *told)
-        )
+        name, ahead = ("", "") if rows else (answer.phrase, lead)
+        rows.append((name, one.grade, f"{one.score:.2f}", ahead, *told))
     return rows
 
 

@@ -96,8 +96,7 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
     lock = threading.Lock()
 
     def ask(**asked: str) -> Facts:
-        word = asked.get("phrase", "").lower()
-        if word in known and not (folder / NAMES).is_file():
+        if (word := asked.get("phrase", "").lower()) in known and not (folder / NAMES).is_file():
             return {"answers": [known[word]]}
         from egosplat.viewing.words import ask_for_page
 
