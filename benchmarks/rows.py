@@ -190,11 +190,11 @@ def read_pool() -> Rows:
 
 
 def read_source(name: str) -> Rows:
-    """Read rows by their short name: a text of the ledger, ``POOL``, or a topic of benchmarks (UserError: see ``read_rows``)."""
-    if name == POOL:
-        return read_pool()
-    own = LEDGER / name
-    return read_rows(own if own.exists() else ROOT / "benchmarks" / name / "rows")
+    """Read rows by their short name: a text of the ledger, ``POOL``, or a topic of benchmarks, ``:busy`` behind it for the scenes of a
+    world (UserError: see ``read_rows`` and ``Rows.within``)."""
+    name, _, world = name.partition(":")
+    own = LEDGER / name if (LEDGER / name).exists() else ROOT / "benchmarks" / name / "rows"
+    return (read_pool() if name == POOL else read_rows(own)).within(world or None)
 
 
 def collect_page(
