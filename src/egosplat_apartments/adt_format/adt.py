@@ -2,7 +2,8 @@
 
 import json
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from egosplat_apartments.adt_format.adt_images import create_images
 from egosplat_apartments.adt_format.adt_truth import TruthTables
 from egosplat_apartments.adt_format.aria import DEVICE_SERIAL
 from egosplat_apartments.adt_format.sequence import ROLLING_SHUTTER_MIDDLE_NS, Frame, Instance, Sequence
-from egosplat_apartments.arrays import Times
+from egosplat_apartments.arrays import Times, Trajectory
 
 _TRUTH_AFTER_CAPTURE_NS = 90_000
 
@@ -139,8 +140,6 @@ def _write_json(path: Path, document: dict[str, Any]) -> None:
     path.write_text(json.dumps(document, indent=2) + "\n")
 
 
-Trajectory = Callable[[Times], NDArray[np.float64]]
-
 _TRUTH_PERIOD_US, _SLAM_PERIOD_US = 33_333, 1000
 _VELOCITY_STEP_NS = 500_000
 _GRAVITY_WORLD = (0.0, -9.81, 0.0)
@@ -177,11 +176,8 @@ def write_trajectories(folder: Path, sequence: Sequence, truth_ns: Times, middle
         times_us = np.unique(np.concatenate([span_us, grid_us, needed_us]))
         trajectory_table(sequence, times_us, pose).to_csv(path, index=False)
     _write_points(slam / "semidense_points.csv.gz", sequence)
-    how = (
-        "poses with the error of an estimate"
-        if sequence.estimated_pose
-        else "exact poses, not estimated ones"
-    )
+    exact, erring = "exact poses, not estimated ones", "poses with the error of an estimate"
+    how = erring if sequence.estimated_pose else exact
     summary = {"SLAM": {"status": "SUCCESS", "message": f"synthetic: {how}"}}
     _write_json(slam / "summary.json", summary)
 
@@ -220,15 +216,10 @@ def _write_rests(folder: Path, sequence: Sequence) -> None:
     """Write ``rests.tsv``: where each object that people carry lies, and from when until when."""
     folder.mkdir()
     names = {one.instance_id: one.name for one in sequence.instances}
-    columns = {
-        "object_uid": [rest.instance_id for rest in sequence.rests],
-        "object": [names[rest.instance_id] for rest in sequence.rests],
-        "place_uid": [rest.support_id for rest in sequence.rests],
-        "place": [names[rest.support_id] for rest in sequence.rests],
-        "from[ns]": [rest.from_ns for rest in sequence.rests],
-        "until[ns]": [rest.until_ns for rest in sequence.rests],
-    }
-    pd.DataFrame(columns).to_csv(folder / "rests.tsv", sep="\t", index=False)
+    columns = ["object_uid", "object", "place_uid", "place", "from[ns]", "until[ns]"]
+    rests = map(astuple, sequence.rests)
+    rows = [(uid, names[uid], place, names[place], *times) for uid, place, *times in rests]
+    pd.DataFrame(rows, columns=columns).to_csv(folder / "rests.tsv", sep="\t", index=False)
 
 
 def _write_points(path: Path, sequence: Sequence) -> None:

@@ -44,9 +44,10 @@ def create_images(folder: Path, sequence: Sequence, jpeg_quality: int) -> Iterat
         )
     with contextlib.ExitStack() as stack:
         files = {
-            name: (stack.enter_context(create_vrs(folder / f"{name}.vrs", tags, [stream])), stream)
+            name: stack.enter_context(
+                create_vrs(folder / f"{name}.vrs", _file_tags(sequence, name, calibration), stream)
+            )
             for name, stream in streams.items()
-            for tags in [_file_tags(sequence, name, calibration)]
         }
         yield ImageFiles(files, sequence.size, jpeg_quality)
 
@@ -54,7 +55,7 @@ def create_images(folder: Path, sequence: Sequence, jpeg_quality: int) -> Iterat
 class ImageFiles:
     """The open VRS files; made by ``create_images``."""
 
-    def __init__(self, files: dict[str, tuple[VrsWriter, ImageStream]], size: int, jpeg_quality: int) -> None:
+    def __init__(self, files: dict[str, VrsWriter], size: int, jpeg_quality: int) -> None:
         self._files = files
         self._size = size
         self._jpeg_quality = jpeg_quality
@@ -77,9 +78,8 @@ class ImageFiles:
             self._append(f"depth_images{suffix}", frame, number, truth_ns, depth)
 
     def _append(self, name: str, frame: Frame, number: int, time_ns: int, image: bytes) -> None:
-        writer, stream = self._files[name]
         exposed = {"exposure_s": frame.exposure_s, "gain": frame.gain}
-        writer.write_image(stream, image, timestamp_ns=time_ns, frame_number=number, **exposed)
+        self._files[name].write_image(image, timestamp_ns=time_ns, frame_number=number, **exposed)
 
     def _check(self, name: str, image: NDArray[Any], dtype: type, channels: tuple[int, ...] = ()) -> None:
         expected = (self._size, self._size, *channels)

@@ -11,6 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat_apartments.arrays import Trajectory
+
 
 @dataclass(frozen=True)
 class Instance:
@@ -114,7 +116,7 @@ class Sequence:
     fps: float
     instances: list[Instance]
     world_from_static: dict[int, NDArray[np.float64]]
-    device_pose: Callable[[NDArray[np.int64]], NDArray[np.float64]]
+    device_pose: Trajectory
     start_ns: int
     end_ns: int
     points: NDArray[np.float64]
@@ -123,7 +125,7 @@ class Sequence:
     frames: Callable[[], Iterator[Frame]]
     frame_count: int
     wearer: int | None = None
-    estimated_pose: Callable[[NDArray[np.int64]], NDArray[np.float64]] | None = None
+    estimated_pose: Trajectory | None = None
     rests: tuple[Rest, ...] = ()
 
 

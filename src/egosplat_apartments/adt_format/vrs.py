@@ -4,7 +4,7 @@ Format (``FileFormat.h`` and ``IndexRecord.h`` of facebookresearch/vrs), little-
 
     file header (80 bytes; holds the offsets of the description and of the index)
     description record    streams, the layouts of their records, and the file's tags
-    configuration records one per stream: image size, pixel format, ...
+    configuration record   image size, pixel format, ...
     data records          in order of time: fixed fields, then the image
     index record          time, size, type and stream of every record
 
@@ -14,7 +14,7 @@ Every record begins with a 32-byte header that holds its own size and that of th
 import contextlib
 import hashlib
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -77,47 +77,41 @@ class ImageStream:
 
 
 @contextlib.contextmanager
-def create_vrs(path: Path, tags: Mapping[str, str], streams: Sequence[ImageStream]) -> Iterator["VrsWriter"]:
+def create_vrs(path: Path, tags: Mapping[str, str], stream: ImageStream) -> Iterator["VrsWriter"]:
     """Write a VRS file; it appears at ``path`` only if the block ends without error."""
     with atomic_file(path) as scratch, scratch.open("wb") as file:
-        writer = VrsWriter(file, tags, streams)
+        writer = VrsWriter(file, tags, stream)
         yield writer
         writer.finish()
 
 
 class VrsWriter:
-    """Writes the records of a VRS file; made by ``create_vrs``."""
+    """Writes the records of a VRS file with one stream; made by ``create_vrs``."""
 
-    def __init__(self, file: BinaryIO, tags: Mapping[str, str], streams: Sequence[ImageStream]) -> None:
+    def __init__(self, file: BinaryIO, tags: Mapping[str, str], stream: ImageStream) -> None:
         self._file = file
-        self._streams = sorted(streams, key=lambda stream: (stream.type_id, stream.instance_id))
+        self._stream = stream
+        self._id = (stream.type_id, stream.instance_id)
         self._previous_size = 0
         self._index: list[bytes] = []
         self._last_ns: int | None = None
-        description = _pack_description(self._streams, tags)
+        # The number of streams; the stream's id, user tags (none) and tags; the file's tags.
+        streams = _COUNT.pack(1) + _STREAM_ID.pack(*self._id)
+        description = streams + _pack_tags({}) + _pack_tags(stream.tags) + _pack_tags(tags)
         # An id from the content, not from the clock, so that the same recording gives the same bytes.
         self._creation_id = int.from_bytes(hashlib.sha256(description).digest()[:8], "little")
         file.write(bytes(_FILE_HEADER.size))  # filled in at the end, when the index has its place
         self._append((_DESCRIPTION_TYPE, 0), _DATA, _AFTER_ALL, description)
         self._first_record = file.tell()
-        for stream in self._streams:
-            payload = CONFIGURATION.pack(stream.configuration)
-            self._append_indexed(stream, _CONFIGURATION, _BEFORE_ALL, payload)
+        self._append_indexed(_CONFIGURATION, _BEFORE_ALL, CONFIGURATION.pack(stream.configuration))
 
     def write_image(
-        self,
-        stream: ImageStream,
-        image: bytes,
-        *,
-        timestamp_ns: int,
-        frame_number: int,
-        exposure_s: float,
-        gain: float,
+        self, image: bytes, *, timestamp_ns: int, frame_number: int, exposure_s: float, gain: float
     ) -> None:
-        """Append one image, encoded as its stream says.
+        """Append one image, encoded as the stream says.
 
         Raises:
-            ValueError: its timestamp is lower than the previous one's, in any stream.
+            ValueError: its timestamp is lower than the previous one's.
         """
         if self._last_ns is not None and timestamp_ns < self._last_ns:
             raise ValueError(f"record of {timestamp_ns} ns after {self._last_ns} ns: not in order of time")
@@ -132,13 +126,12 @@ class VrsWriter:
                 **dict.fromkeys(times, timestamp_ns),
             }
         )
-        self._append_indexed(stream, _DATA, timestamp_ns * 1e-9, fields + image)
+        self._append_indexed(_DATA, timestamp_ns * 1e-9, fields + image)
 
     def finish(self) -> None:
         """Write the index, then the file header that points to it."""
         index_offset = self._file.tell()
-        ids = [_STREAM_ID.pack(stream.type_id, stream.instance_id) for stream in self._streams]
-        index = [_COUNT.pack(len(ids)), *ids, _COUNT.pack(len(self._index)), *self._index]
+        index = [_COUNT.pack(1), _STREAM_ID.pack(*self._id), _COUNT.pack(len(self._index)), *self._index]
         self._append((_INDEX_TYPE, 0), _DATA, _AFTER_ALL, b"".join(index))
         self._file.seek(0)
         self._file.write(
@@ -156,10 +149,9 @@ class VrsWriter:
             )
         )
 
-    def _append_indexed(self, stream: ImageStream, kind: int, time_s: float, payload: bytes) -> None:
-        stream_id = (stream.type_id, stream.instance_id)
-        size = self._append(stream_id, kind, time_s, payload, stream.compressed and kind == _DATA)
-        self._index.append(_INDEX_ENTRY.pack(time_s, size, kind, *stream_id))
+    def _append_indexed(self, kind: int, time_s: float, payload: bytes) -> None:
+        size = self._append(self._id, kind, time_s, payload, self._stream.compressed and kind == _DATA)
+        self._index.append(_INDEX_ENTRY.pack(time_s, size, kind, *self._id))
 
     def _append(
         self, stream_id: tuple[int, int], kind: int, time_s: float, payload: bytes, compress: bool = False
@@ -176,15 +168,6 @@ class VrsWriter:
         self._file.write(body)
         self._previous_size = size
         return size
-
-
-def _pack_description(streams: Sequence[ImageStream], tags: Mapping[str, str]) -> bytes:
-    """Pack the number of streams; id, user tags (none) and tags of each stream; the file's tags."""
-    described = [
-        _STREAM_ID.pack(stream.type_id, stream.instance_id) + _pack_tags({}) + _pack_tags(stream.tags)
-        for stream in streams
-    ]
-    return b"".join([_COUNT.pack(len(streams)), *described, _pack_tags(tags)])
 
 
 def _pack_tags(tags: Mapping[str, str]) -> bytes:

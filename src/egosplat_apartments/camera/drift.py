@@ -1,13 +1,11 @@
 """The error of a closed-loop trajectory: slow drift of the pose, and a clock that differs from the camera's."""
 
-from collections.abc import Callable
-
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import compose, make_pose
-from egosplat_apartments.arrays import Array, Rng, Times
+from egosplat_apartments.arrays import Array, Rng, Times, Trajectory
 from egosplat_apartments.camera.effects import Effects
 
 _DEGREE = 5
@@ -38,8 +36,6 @@ class SmoothNoise:
         """(N, channels) values at (N,) times [s]."""
         return self._spline(np.clip(np.asarray(times, dtype=np.float64), *self._span))
 
-
-Trajectory = Callable[[Times], Array]
 
 _STREAM = 20
 

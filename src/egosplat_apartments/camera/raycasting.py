@@ -164,32 +164,18 @@ def lengths(vectors: Floats) -> Floats:
     return np.sqrt(x * x + y * y + z * z)
 
 
-def static_scene(geometry: Geometry) -> RayScene:
-    """All static surfaces."""
-    return body_scene(geometry, *geometry.group("static"))
-
-
-def body_scene(geometry: Geometry, first: int, last: int) -> RayScene:
-    """Bodies ``first`` to ``last`` - 1 in the geometry's own axes."""
-    start, end = geometry.body_vertices[[first, last]]
-    faces = geometry.faces[geometry.body_faces[first] : geometry.body_faces[last]] - start
-    return RayScene(geometry.vertices[start:end], faces, int(geometry.body_faces[first]))
-
-
-def posed_scene(geometry: Geometry, first: int, last: int, poses: dict[int, Array]) -> RayScene:
-    """Moving bodies ``first`` to ``last`` - 1 at ``poses``, by body number."""
-    vertices = [
-        rotate(
-            poses[number][:3, :3].astype(np.float32),
-            geometry.vertices[slice(*geometry.body_vertices[[number, number + 1]])],
-        )
-        + poses[number][:3, 3].astype(np.float32)
-        for number in range(first, last)
-    ]
-    faces = (
-        geometry.faces[geometry.body_faces[first] : geometry.body_faces[last]] - geometry.body_vertices[first]
-    )
-    return RayScene(np.concatenate(vertices), faces, int(geometry.body_faces[first]))
+def body_scene(geometry: Geometry, first: int, last: int, poses: dict[int, Array] | None = None) -> RayScene:
+    """Bodies ``first`` to ``last`` - 1 at ``poses``, by body number; without poses, in the geometry's own axes."""
+    vertices = []
+    for number in range(first, last):
+        own = geometry.vertices[slice(*geometry.body_vertices[[number, number + 1]])]
+        if poses is not None:
+            pose = poses[number].astype(np.float32)
+            own = rotate(pose[:3, :3], own) + pose[:3, 3]
+        vertices.append(own)
+    begin, end = geometry.body_faces[[first, last]]
+    faces = geometry.faces[begin:end] - geometry.body_vertices[first]
+    return RayScene(np.concatenate(vertices), faces, int(begin))
 
 
 def interpolated(geometry: Geometry, hits: Hits, values: Floats) -> Floats:

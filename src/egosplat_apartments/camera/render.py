@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.geometry import rotate
 from egosplat_apartments.adt_format.sequence import View
-from egosplat_apartments.arrays import Array, Floats, Rng
+from egosplat_apartments.arrays import Array, Floats, Ints, Rng
 from egosplat_apartments.camera.lens import Lens, develop, tone, untone
 from egosplat_apartments.camera.lighting import Lights, bake, face_normals
 from egosplat_apartments.camera.raycasting import (
@@ -18,8 +18,6 @@ from egosplat_apartments.camera.raycasting import (
     body_scene,
     interpolated,
     lengths,
-    posed_scene,
-    static_scene,
 )
 from egosplat_apartments.objects.atlas import Atlas
 
@@ -88,7 +86,7 @@ class Renderer:
         self.lens = lens
         self._lights = lights
         self.atlas = Atlas(geometry.textures)
-        self.static = static_scene(geometry)
+        self.static = body_scene(geometry, *geometry.group("static"))
         self._baked = bake(geometry, self.static, self.atlas, lights, rng)
         self._ids = np.array([body.instance_id for body in geometry.bodies], dtype=np.uint64)
         self._static_alone: dict[int, RayScene] = {}
@@ -199,7 +197,7 @@ class Renderer:
     def _scenes(self, poses: dict[int, Array]) -> _Scenes:
         geometry = self.geometry
         first, last = geometry.group("static")[1], len(geometry.bodies)
-        moving = [posed_scene(geometry, first, last, poses)] if last > first else []
+        moving = [body_scene(geometry, first, last, poses)] if last > first else []
         things, people = (self._posed(role, poses) for role in ("thing", "person"))
         return _Scenes(self.static, things, people, [self.static, *moving])
 
@@ -209,7 +207,7 @@ class Renderer:
         scenes = {}
         for uid in np.unique(self._ids[first:last]).tolist():
             bodies = np.flatnonzero(self._ids == uid)
-            scenes[uid] = posed_scene(self.geometry, int(bodies[0]), int(bodies[-1]) + 1, poses)
+            scenes[uid] = body_scene(self.geometry, int(bodies[0]), int(bodies[-1]) + 1, poses)
         return scenes
 
     def _view(self, scenes: _Scenes, hits: Hits, origin: Floats, rays: Floats) -> View:
@@ -259,9 +257,7 @@ class Renderer:
         normals, uv, light = (
             interpolated(geometry, hits, values) for values in (geometry.normals, geometry.uv, self._baked)
         )
-        body = geometry.part_body[part]
-        moved = np.flatnonzero(body >= geometry.group("static")[1])
-        normals[moved] = np.einsum("nij,nj->ni", rotations[body[moved]], normals[moved])
+        self._turn_moved(normals, geometry.part_body[part], rotations)
         normals /= np.maximum(lengths(normals)[:, None], 1e-12)
         facing = np.einsum("ni,ni->n", normals, rays)
         # Surfaces are visible from both sides: normals turn towards the camera.
@@ -313,9 +309,13 @@ class Renderer:
     def _flat_normals(self, hits: Hits, rotations: Floats) -> Floats:
         body = self.geometry.part_body[self.geometry.face_part[hits.face]]
         normals = face_normals(self.geometry, hits.face, np.zeros((len(body), 3), dtype=np.float32))
+        self._turn_moved(normals, body, rotations)
+        return normals
+
+    def _turn_moved(self, normals: Floats, body: Ints, rotations: Floats) -> None:
+        """Turn (N, 3) normals on (N,) bodies into world axes, where the body is not static."""
         moved = np.flatnonzero(body >= self.geometry.group("static")[1])
         normals[moved] = np.einsum("nij,nj->ni", rotations[body[moved]], normals[moved])
-        return normals
 
 
 def _turned(turn: Floats, directions: Floats) -> Floats:

@@ -3,14 +3,14 @@
 import itertools
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import fabric, inlay, lacquer, shine
 from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.shapes import (
+    FORWARD,
     Part,
-    Shape,
+    at_corners,
     box,
     cushion,
     cylinder,
@@ -18,26 +18,8 @@ from egosplat_apartments.objects.shapes import (
     join,
     lathe,
     rod,
+    slab,
 )
-
-FORWARD = Rotation.from_euler("x", 90, degrees=True)
-
-
-def slab(width: float, depth: float, low: float, high: float) -> Shape:
-    """A box centered on the y axis."""
-    return box((-width / 2, low, -depth / 2), (width / 2, high, depth / 2))
-
-
-def _crossed(width: float, depth: float, height: float) -> Shape:
-    """Two pairs of crossed bars under a top."""
-    x, z = width / 2 - 0.08, depth / 2 - 0.05
-    return join(
-        [
-            rod((side * x, 0.01, sign * -z), (side * x, height, sign * z), 0.02)
-            for side in (-1, 1)
-            for sign in (-1, 1)
-        ]
-    )
 
 
 def _top(use: str, width: float, depth: float, height: float, headroom: float = 2.0) -> Surface:
@@ -127,9 +109,10 @@ def coffee_table(rng: Rng) -> Model:
 def desk(rng: Rng) -> Model:
     """A top on crossed bars with a hanging drawer."""
     drawer = box((-0.5, 0.6, -0.2), (-0.12, 0.7, 0.24))
+    crossed = at_corners(lambda x, z: rod((x, 0.01, -z), (x, 0.7, z), 0.02), 0.6 - 0.08, 0.3 - 0.05)
     return assemble(
         Part("top", slab(1.2, 0.6, 0.7, 0.74), lacquer(rng)),
-        Part("legs", _crossed(1.2, 0.6, 0.7), shine(rng)),
+        Part("legs", crossed, shine(rng)),
         Part("drawers", drawer, inlay(rng)),
         Part("knobs", ellipsoid((0.02, 0.02, 0.02), (-0.31, 0.65, 0.26), 10), shine(rng)),
         surfaces=(_top("table", 1.12, 0.52, 0.74),),
@@ -149,11 +132,7 @@ def side_table(rng: Rng) -> Model:
 def cabinet(rng: Rng) -> Model:
     """A chest on high legs with two round doors."""
     w, d, h = rng.uniform(1.0, 1.2), 0.4, rng.uniform(0.85, 0.98)
-    legs = [
-        rod((x, 0, z), (x * 0.9, 0.32, z), 0.022)
-        for x in (-w / 2 + 0.08, w / 2 - 0.08)
-        for z in (-0.15, 0.15)
-    ]
+    legs = at_corners(lambda x, z: rod((x, 0, z), (x * 0.9, 0.32, z), 0.022), w / 2 - 0.08, 0.15)
     doors = [cylinder(0.2, 0, 0.02, 32).moved((x, (0.32 + h) / 2, d / 2), FORWARD) for x in (-w / 4, w / 4)]
     knobs = [
         ellipsoid((0.02, 0.02, 0.02), (x, (0.32 + h) / 2, d / 2 + 0.035), 10)
@@ -163,7 +142,7 @@ def cabinet(rng: Rng) -> Model:
         Part("body", slab(w, d, 0.3, h), lacquer(rng)),
         Part("doors", join(doors), inlay(rng)),
         Part("knobs", join(knobs), shine(rng)),
-        Part("legs", join(legs), shine(rng)),
+        Part("legs", legs, shine(rng)),
         surfaces=(_top("table", w - 0.04, d - 0.04, h),),
     )
 

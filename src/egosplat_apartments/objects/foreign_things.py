@@ -3,11 +3,11 @@
 import numpy as np
 
 from egosplat_apartments.arrays import Rng
-from egosplat_apartments.objects.foreign_furniture import FORWARD, slab
 from egosplat_apartments.objects.materials import fabric, glaze, inlay, lacquer, shine, some_plastic
 from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import abstract, clock_face, label, landscape, random_color
 from egosplat_apartments.objects.shapes import (
+    FORWARD,
     Part,
     Shape,
     box,
@@ -18,6 +18,7 @@ from egosplat_apartments.objects.shapes import (
     lathe,
     rod,
     sheet,
+    slab,
 )
 from egosplat_apartments.objects.textures import Texture, make_texture, speckled
 

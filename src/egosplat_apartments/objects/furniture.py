@@ -4,16 +4,18 @@ from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_metal, some_paint, some_plastic, some_wood
 from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.pictures import landscape, random_color
-from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod
+from egosplat_apartments.objects.shapes import Part, Shape, at_corners, box, cylinder, join, lathe, rod
 from egosplat_apartments.objects.textures import cloth, make_texture, marble, metal
 
 
 def four_legs(width: float, depth: float, height: float, thickness: float, inset: float = 0.03) -> Shape:
     """Square legs under a rectangle centered on the origin."""
     half = thickness / 2
-    x, z = width / 2 - inset - half, depth / 2 - inset - half
-    corners = [(sx * x, sz * z) for sx in (-1, 1) for sz in (-1, 1)]
-    return join([box((cx - half, 0, cz - half), (cx + half, height, cz + half)) for cx, cz in corners])
+
+    def leg(x: float, z: float) -> Shape:
+        return box((x - half, 0, z - half), (x + half, height, z + half))
+
+    return at_corners(leg, width / 2 - inset - half, depth / 2 - inset - half)
 
 
 def table(rng: Rng, width: float, depth: float, height: float) -> Model:

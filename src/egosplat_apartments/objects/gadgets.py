@@ -8,6 +8,7 @@ from egosplat_apartments.objects.materials import some_metal, some_plastic, some
 from egosplat_apartments.objects.model import Model, assemble
 from egosplat_apartments.objects.pictures import clock_face, cover, keys, landscape, random_color, spine
 from egosplat_apartments.objects.shapes import (
+    FORWARD,
     Part,
     box,
     cushion,
@@ -91,7 +92,6 @@ def laptop(rng: Rng) -> Model:
 def desk_clock(rng: Rng) -> Model:
     """An alarm clock with feet and two bells."""
     case = some_plastic(rng, random_color(rng, (0.6, 0.95), (0.5, 0.9)))
-    upright = Rotation.from_euler("x", 90, degrees=True)
     rim = [(0.065, 0.02), (0.065, 0.025), (0.056, 0.025), (0.056, 0.02)]
     body = lathe([(0, -0.025), (0.06, -0.025), *rim, (0, 0.02)], 28)
     face = cylinder(0.055, 0.02, 0.0215, 28)
@@ -99,8 +99,8 @@ def desk_clock(rng: Rng) -> Model:
     bells = [ellipsoid((0.022, 0.016, 0.022), (x, 0.145, 0), 12) for x in (-0.032, 0.032)]
     feet = [rod((x * 1.3, 0.006, 0), (x, 0.035, 0), 0.007) for x in (-0.035, 0.035)]
     return assemble(
-        Part("case", body.moved((0, 0.08, 0), upright), case),
-        Part("dial", face.moved((0, 0.08, 0), upright), dial),
+        Part("case", body.moved((0, 0.08, 0), FORWARD), case),
+        Part("dial", face.moved((0, 0.08, 0), FORWARD), dial),
         Part("bells", join(bells), some_metal(rng)),
         Part("feet", join(feet), some_metal(rng)),
     )
@@ -108,10 +108,9 @@ def desk_clock(rng: Rng) -> Model:
 
 def speaker(rng: Rng) -> Model:
     """A box with two cones."""
-    upright = Rotation.from_euler("x", 90, degrees=True)
     cones = [
         lathe([(r, 0.0), (r, 0.012), (r * 0.85, 0.012), (r * 0.3, 0.002), (0, 0.005)]).moved(
-            (0, y, 0.08), upright
+            (0, y, 0.08), FORWARD
         )
         for r, y in ((0.055, 0.085), (0.03, 0.19))
     ]

@@ -82,10 +82,8 @@ def some_plastic(rng: Rng, color: Color) -> Texture:
 
 def some_glaze(rng: Rng) -> Texture:
     """Painted or speckled pottery."""
-    ground, other = (
-        random_color(rng, (0.05, 0.75), (0.45, 0.92)),
-        random_color(rng, (0.4, 0.95), (0.2, 0.9)),
-    )
+    ground = random_color(rng, (0.05, 0.75), (0.45, 0.92))
+    other = random_color(rng, (0.4, 0.95), (0.2, 0.9))
     match int(rng.integers(3)):
         case 0:
             return make_texture(speckled(rng, ground, other), 0.12, surface="speckled pottery")
@@ -110,12 +108,12 @@ def mosaic(rng: Rng, colors: Sequence[Color], shape: tuple[int, int] = _SIDE, co
     tints = np.asarray(colors)[rng.integers(len(colors), size=count)] * rng.normal(1, 0.12, (count, 1))
     picture = tints[tile[:, 0]].reshape(*shape, 3)
     picture[(distance[:, 1] - distance[:, 0] < 2.5).reshape(shape)] *= 0.35
-    return picture * (1 + 0.07 * noise(rng, shape, 0.8))[..., None]
+    return shaded(picture, 0.07 * noise(rng, shape, 0.8))
 
 
 def terrazzo(rng: Rng, ground: Color, shape: tuple[int, int] = _SIDE, count: int = 260) -> Picture:
     """Angular chips of many colors in a plain ground."""
-    picture = np.ascontiguousarray(shaded(ground, 0.03 * noise(rng, shape, 1.0)))
+    picture = shaded(ground, 0.03 * noise(rng, shape, 1.0))
     for place in rng.uniform((0, 0), (shape[1], shape[0]), (count, 2)):
         corners = place + rng.normal(0, rng.uniform(1.5, 6.0), (5, 2))
         chip = cv2.convexHull(corners.astype(np.int32))
@@ -128,7 +126,7 @@ def zigzag(rng: Rng, colors: Sequence[Color], bands: int = 7) -> Picture:
     y, x = np.mgrid[: _SIDE[0], : _SIDE[1]]
     level = (y + 1.2 * np.abs((x + 12) % 64 - 32)) * bands / _SIDE[0]
     picture = np.asarray(colors)[level.astype(int) % len(colors)]
-    return picture * (1 + 0.09 * noise(rng, _SIDE, 0.8))[..., None]
+    return shaded(picture, 0.09 * noise(rng, _SIDE, 0.8))
 
 
 def dots(rng: Rng, ground: Color, ink: Color, columns: int = 5) -> Picture:
@@ -137,7 +135,7 @@ def dots(rng: Rng, ground: Color, ink: Color, columns: int = 5) -> Picture:
     row = np.floor(y)
     off = np.hypot((x + row % 2) % 2 - 1, 2 * (y % 1) - 1)
     picture = mixed(ground, ink, np.clip((0.72 - off) * 12, 0, 1))
-    return picture * (1 + 0.08 * noise(rng, _SIDE, 0.8))[..., None]
+    return shaded(picture, 0.08 * noise(rng, _SIDE, 0.8))
 
 
 def bricks(rng: Rng, color: Color, mortar: Color, shape: tuple[int, int], rows: int) -> Picture:
@@ -148,7 +146,7 @@ def bricks(rng: Rng, color: Color, mortar: Color, shape: tuple[int, int], rows: 
     shifted = x + (row % 2) * height + 1
     column = shifted // (2 * height)
     tint = rng.normal(1, 0.16, (row.max() + 1, column.max() + 1, 1))[row, column]
-    picture = np.asarray(color) * tint * (1 + 0.1 * noise(rng, shape, 0.9))[..., None]
+    picture = shaded(np.asarray(color) * tint, 0.1 * noise(rng, shape, 0.9))
     joint = (y % height < 3) | (shifted % (2 * height) < 3)
     picture[joint] = mortar
     return picture
@@ -169,8 +167,7 @@ def lacquer(rng: Rng) -> Texture:
     """A paint that runs from one color into another."""
     first, second = (random_color(rng, (0.3, 0.95), (0.25, 0.95)) for _ in range(2))
     share = 0.5 - 0.5 * np.cos(2 * np.pi * np.mgrid[: _SIDE[0], : _SIDE[1]][0] / _SIDE[0])
-    picture = mixed(first, second, share) * (1 + 0.05 * noise(rng, _SIDE, 0.9))[..., None]
-    return make_texture(picture, 0.8)
+    return make_texture(shaded(mixed(first, second, share), 0.05 * noise(rng, _SIDE, 0.9)), 0.8)
 
 
 def inlay(rng: Rng) -> Texture:

@@ -26,16 +26,14 @@ def landscape(rng: Rng, shape: tuple[int, int]) -> Picture:
     height, width = shape
     sky = [random_color(rng, (0.3, 0.6), (0.6, 1.0)) for _ in range(2)]
     rows = np.broadcast_to(np.linspace(0, 1, height)[:, None], shape)
-    picture = np.ascontiguousarray(
-        mixed(sky[0], sky[1], rows) * (1 + 0.07 * noise(rng, shape, 1.6, 3.0))[..., None]
-    )
+    picture = np.ascontiguousarray(shaded(mixed(sky[0], sky[1], rows), 0.07 * noise(rng, shape, 1.6, 3.0)))
     sun = (int(rng.uniform(0.15, 0.85) * width), int(rng.uniform(0.12, 0.35) * height))
     cv2.circle(picture, sun, height // 11, (1.0, 0.92, 0.6), -1, cv2.LINE_AA)
     for layer in range(4):
-        tint = np.asarray(random_color(rng, (0.35, 0.8), (0.25, 0.75)))
+        tint = random_color(rng, (0.35, 0.8), (0.25, 0.75))
         outline = noise(rng, (4, width), 1.5)[0] * height * 0.06 + height * (0.45 + 0.14 * layer)
         below = np.arange(height)[:, None] > outline[None]
-        picture[below] = (tint * (1 + 0.12 * noise(rng, shape, 1.0))[..., None])[below]
+        picture[below] = shaded(tint, 0.12 * noise(rng, shape, 1.0))[below]
         for x in rng.integers(0, width, 7 * (layer > 0)):
             _tree(rng, picture, int(x), int(outline[x]), height // (22 - 4 * layer))
     return picture
@@ -44,9 +42,7 @@ def landscape(rng: Rng, shape: tuple[int, int]) -> Picture:
 def abstract(rng: Rng, shape: tuple[int, int]) -> Picture:
     """Overlapping rectangles, discs and strokes on canvas."""
     height, width = shape
-    picture = np.ascontiguousarray(
-        shaded(random_color(rng, (0.1, 0.4), (0.7, 0.95)), 0.04 * noise(rng, shape, 1.0))
-    )
+    picture = shaded(random_color(rng, (0.1, 0.4), (0.7, 0.95)), 0.04 * noise(rng, shape, 1.0))
     for _ in range(26):
         tint = random_color(rng, (0.2, 0.95), (0.1, 0.95))
         a, b = (tuple(int(v) for v in rng.integers(0, (width, height))) for _ in range(2))
@@ -57,12 +53,12 @@ def abstract(rng: Rng, shape: tuple[int, int]) -> Picture:
                 cv2.circle(picture, a, int(rng.integers(4, height // 6)), tint, -1, cv2.LINE_AA)
             case _:
                 cv2.line(picture, a, b, tint, int(rng.integers(2, 9)), cv2.LINE_AA)
-    return picture * (1 + 0.06 * noise(rng, shape, 0.6))[..., None]
+    return shaded(picture, 0.06 * noise(rng, shape, 0.6))
 
 
 def clock_face(rng: Rng, ground: Color, ink: Color, side: int = 256) -> Picture:
     """Ticks, numerals and two hands; fills the circle inscribed in the square."""
-    picture = np.ascontiguousarray(shaded(ground, 0.03 * noise(rng, (side, side), 1.0)))
+    picture = shaded(ground, 0.03 * noise(rng, (side, side), 1.0))
     middle = side // 2
     for hour in range(1, 13):
         way = np.array([np.sin(hour * np.pi / 6), -np.cos(hour * np.pi / 6)])
@@ -80,7 +76,7 @@ def clock_face(rng: Rng, ground: Color, ink: Color, side: int = 256) -> Picture:
 def cover(rng: Rng, color: Color, shape: tuple[int, int] = (256, 192)) -> Picture:
     """A book's cover: a picture, a title, an author."""
     height, width = shape
-    picture = np.ascontiguousarray(shaded(color, 0.05 * noise(rng, shape, 1.0)))
+    picture = shaded(color, 0.05 * noise(rng, shape, 1.0))
     inset = abstract(rng, (height // 2, int(width * 0.8)))
     top, left = int(height * 0.36), int(width * 0.1)
     picture[top : top + inset.shape[0], left : left + inset.shape[1]] = inset
@@ -93,7 +89,7 @@ def cover(rng: Rng, color: Color, shape: tuple[int, int] = (256, 192)) -> Pictur
 def spine(rng: Rng, color: Color, shape: tuple[int, int] = (64, 256)) -> Picture:
     """A book's back, its title along x, with bands at both ends."""
     height, width = shape
-    picture = np.ascontiguousarray(shaded(color, 0.07 * noise(rng, shape, 1.0)))
+    picture = shaded(color, 0.07 * noise(rng, shape, 1.0))
     ink = _ink(color)
     for x in (int(width * 0.06), int(width * 0.92)):
         picture[:, x : x + 6] = ink
@@ -103,7 +99,7 @@ def spine(rng: Rng, color: Color, shape: tuple[int, int] = (64, 256)) -> Picture
 
 def label(rng: Rng, ground: Color, paper: Color) -> Picture:
     """A glazed jacket with a printed label, to be bent around a bottle or a box."""
-    picture = np.ascontiguousarray(shaded(ground, 0.07 * noise(rng, (256, 256), 1.2)))
+    picture = shaded(ground, 0.07 * noise(rng, (256, 256), 1.2))
     picture[70:200] = shaded(paper, 0.03 * noise(rng, (130, 256), 1.0))
     ink = _ink(paper)
     for x in (8, 136):
@@ -115,7 +111,7 @@ def label(rng: Rng, ground: Color, paper: Color) -> Picture:
 
 def keys(rng: Rng, ground: Color, ink: Color, rows: int = 5, columns: int = 13) -> Picture:
     """A keyboard; with few rows and columns, a remote control's buttons."""
-    picture = np.ascontiguousarray(shaded(ground, 0.03 * noise(rng, (256, 256), 1.0)))
+    picture = shaded(ground, 0.03 * noise(rng, (256, 256), 1.0))
     dy, dx = 256 // (rows + 1), 256 // (columns + 1)
     for row in range(rows):
         for column in range(columns):
@@ -132,10 +128,8 @@ def outside(rng: Rng, shape: tuple[int, int] = (256, 384)) -> Picture:
     picture = np.ascontiguousarray(mixed((0.55, 0.75, 0.98), (0.93, 0.96, 1.0), np.maximum(rows, clouds)))
     for _ in range(8):
         x, top = int(rng.integers(width)), int(rng.uniform(0.4, 0.65) * height)
-        breadth, tint = (
-            int(rng.integers(width // 12, width // 6)),
-            random_color(rng, (0.1, 0.5), (0.55, 0.85)),
-        )
+        breadth = int(rng.integers(width // 12, width // 6))
+        tint = random_color(rng, (0.1, 0.5), (0.55, 0.85))
         cv2.rectangle(picture, (x, top), (x + breadth, height), tint, -1)
         for y in range(top + 8, height, 18):
             for column in range(x + 5, x + breadth - 6, 14):

@@ -3,7 +3,7 @@
 Object axes: x to the right as seen from the object's front, y up, z out of its front. Meters.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,9 @@ from scipy.spatial.transform import Rotation
 from egosplat.geometry import rotate
 from egosplat_apartments.arrays import Array
 from egosplat_apartments.objects.textures import Texture
+
+# Turns what a lathe makes from upright to the front.
+FORWARD = Rotation.from_euler("x", 90, degrees=True)
 
 # Flat faces are cut into cells of at most this size, because light is stored at vertices.
 _STEP_M = 0.16
@@ -107,6 +110,16 @@ def box(lower: ArrayLike, upper: ArrayLike, step: float = _STEP_M) -> Shape:
             sheet((x0, y0, z1), (w, 0, 0), (0, 0, -d), step),
         ]
     )
+
+
+def slab(width: float, depth: float, low: float, high: float) -> Shape:
+    """A box centered on the y axis."""
+    return box((-width / 2, low, -depth / 2), (width / 2, high, depth / 2))
+
+
+def at_corners(piece: Callable[[float, float], Shape], x: float, z: float) -> Shape:
+    """A piece at each of the four corners (±x, ±z)."""
+    return join(piece(side * x, sign * z) for side in (-1, 1) for sign in (-1, 1))
 
 
 def cushion(lower: ArrayLike, upper: ArrayLike, radius: float) -> Shape:

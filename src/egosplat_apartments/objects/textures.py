@@ -67,8 +67,8 @@ def _divisor(shape: tuple[int, int], roughness: float, stretch: float) -> Pictur
     return frequency**roughness
 
 
-def shaded(color: Color, field: Picture) -> Picture:
-    """Lighten and darken a color by a (H, W) field of relative changes."""
+def shaded(color: Color | Picture, field: Picture) -> Picture:
+    """Lighten and darken a color, or a picture, by a (H, W) field of relative changes."""
     return np.asarray(color) * (1.0 + field[..., None])
 
 
@@ -113,7 +113,7 @@ def stripes(rng: Rng, colors: Sequence[Color], count: int = 8, upright: bool = T
     band = np.searchsorted(cuts / cuts[-1] * _SIDE, np.arange(_SIDE), side="right").clip(max=count - 1)
     line = np.asarray(colors)[band % len(colors)]
     picture = np.broadcast_to(line[None] if upright else line[:, None], (_SIDE, _SIDE, 3))
-    return picture * (1 + 0.1 * noise(rng, (_SIDE, _SIDE), 0.8))[..., None]
+    return shaded(picture, 0.1 * noise(rng, (_SIDE, _SIDE), 0.8))
 
 
 def checks(rng: Rng, first: Color, second: Color, count: int = 4) -> Picture:
@@ -122,7 +122,7 @@ def checks(rng: Rng, first: Color, second: Color, count: int = 4) -> Picture:
     share = 0.5 * (bands[0][None] + bands[1][:, None])
     lines = (np.arange(_SIDE) % (_SIDE // count) < 5).astype(float)
     picture = mixed(first, second, share) + 0.25 * np.maximum(lines[None], lines[:, None])[..., None]
-    return picture * (1 + 0.08 * noise(rng, (_SIDE, _SIDE), 0.8))[..., None]
+    return shaded(picture, 0.08 * noise(rng, (_SIDE, _SIDE), 0.8))
 
 
 def marble(rng: Rng, color: Color, vein: Color) -> Picture:
@@ -171,7 +171,7 @@ def motifs(
     Args:
         shape: (height, width) in texels; count: number of motifs; radius: their smallest and largest size.
     """
-    picture = np.ascontiguousarray(shaded(ground, 0.05 * noise(rng, shape, 1.2)))
+    picture = shaded(ground, 0.05 * noise(rng, shape, 1.2))
     for _ in range(count):
         x, y = int(rng.integers(shape[1])), int(rng.integers(shape[0]))
         size, turn = int(rng.integers(*radius)), float(rng.uniform(0, 360))

@@ -1,13 +1,12 @@
 """Objects on walls. Origin at the middle of the back, which lies in the wall's plane; front towards +z."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_fabric, some_metal, some_paint, some_wood
 from egosplat_apartments.objects.model import Model, Surface, assemble
 from egosplat_apartments.objects.pictures import abstract, clock_face, landscape, random_color
-from egosplat_apartments.objects.shapes import Part, Shape, box, cylinder, join, lathe, rod, sheet
+from egosplat_apartments.objects.shapes import FORWARD, Part, Shape, box, cylinder, join, lathe, rod, sheet
 from egosplat_apartments.objects.textures import cloth, make_texture
 
 
@@ -52,14 +51,13 @@ def _frame(w: float, h: float, border: float, depth: float) -> Shape:
 def wall_clock(rng: Rng) -> Model:
     """A round clock with a rim."""
     r = rng.uniform(0.15, 0.2)
-    forward = Rotation.from_euler("x", 90, degrees=True)
     rim = lathe([(r * 0.9, 0), (r, 0), (r, 0.03), (r * 0.93, 0.04), (r * 0.9, 0.03), (r * 0.9, 0)], 36)
     dial = make_texture(
         clock_face(rng, random_color(rng, (0.05, 0.3), (0.85, 0.97)), (0.08, 0.08, 0.12)), 1.8 * r
     )
     return assemble(
-        Part("rim", rim.moved(rotation=forward), some_metal(rng) if rng.random() < 0.5 else some_wood(rng)),
-        Part("dial", cylinder(r * 0.9, 0, 0.02, 36).moved(rotation=forward), dial),
+        Part("rim", rim.moved(rotation=FORWARD), some_metal(rng) if rng.random() < 0.5 else some_wood(rng)),
+        Part("dial", cylinder(r * 0.9, 0, 0.02, 36).moved(rotation=FORWARD), dial),
     )
 
 

@@ -1,16 +1,14 @@
 """Motion of the wearer's head: a walk through the room, with gaze at one object after the other."""
 
 import itertools
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import CLOCKWISE, compose, invert, make_pose
 from egosplat_apartments.adt_format.aria import device_from_camera
-from egosplat_apartments.arrays import Array, Rng
+from egosplat_apartments.arrays import Array, Rng, Times, Trajectory
 from egosplat_apartments.people.jobs import REACHING_S, Errand, Job
 from egosplat_apartments.people.smooth import STEP_S, SmoothTrack, control_times, limited
 from egosplat_apartments.people.walk import Walk, make_route, make_walk
@@ -69,11 +67,11 @@ class HeadMotion:
         """(N, 4, 4) poses of the camera, sensor orientation, at (N,) seconds."""
         return compose(self.world_from_upright(times), _UPRIGHT_FROM_SENSOR)
 
-    def device_pose(self, start_ns: int) -> Callable[[NDArray[np.int64]], Array]:
+    def device_pose(self, start_ns: int) -> Trajectory:
         """(N,) int64 nanoseconds -> (N, 4, 4) ``world_from_device``; second 0 is at ``start_ns``."""
         upright_from_device = compose(_UPRIGHT_FROM_SENSOR, invert(device_from_camera()))
 
-        def pose(times_ns: NDArray[np.int64]) -> Array:
+        def pose(times_ns: Times) -> Array:
             seconds = (np.asarray(times_ns, dtype=np.int64) - start_ns) * 1e-9
             return compose(self.world_from_upright(seconds), upright_from_device)
 

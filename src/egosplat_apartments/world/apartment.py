@@ -87,11 +87,8 @@ def _furnish(room: Room, rng: Rng, objects: int, style: Style) -> Layout | None:
     for kind in style.wishes(rng, objects):
         if kind.varied or kind.prototype not in models:
             models[kind.prototype] = style.build(kind, rng)
-        named = (
-            replace(kind, prototype=f"{kind.prototype}{variants[kind.prototype] + 1:02d}")
-            if kind.varied
-            else kind
-        )
+        number = f"{variants[kind.prototype] + 1:02d}" if kind.varied else ""
+        named = replace(kind, prototype=f"{kind.prototype}{number}")
         if place_kind(layout, named, models[kind.prototype], rng):
             variants[kind.prototype] += 1
         elif kind in CORE:
@@ -104,10 +101,9 @@ def _furnish(room: Room, rng: Rng, objects: int, style: Style) -> Layout | None:
 def _instances(layout: Layout, shell: tuple[Part, ...], rng: Rng) -> list[Instance]:
     ids = random_ids(rng, len(layout.placed) + 1)
     counts: Counter[str] = Counter()
-    room = Model(shell)
-    instances = [_instance(ids[0], "ApartmentEnv", "ApartmentEnv", "shelter", "static", room)]
+    instances = [_instance(ids[0], "ApartmentEnv", "ApartmentEnv", "shelter", "static", Model(shell))]
     for uid, thing in zip(ids[1:], layout.placed, strict=True):
-        kind: Kind = thing.kind
+        kind = thing.kind
         counts[kind.prototype] += 1
         name = f"{kind.prototype}_{counts[kind.prototype]}"
         instances.append(_instance(uid, name, kind.prototype, kind.category, kind.motion_type, thing.model))

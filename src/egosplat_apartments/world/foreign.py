@@ -19,10 +19,10 @@ from egosplat_apartments.objects.materials import (
 )
 from egosplat_apartments.objects.model import boxes_touch
 from egosplat_apartments.objects.pictures import random_color
-from egosplat_apartments.objects.shapes import Part, box, cylinder, ellipsoid, join, rod, sheet
-from egosplat_apartments.objects.textures import Picture, make_texture, noise
-from egosplat_apartments.world.room import Light, Opening, Room, opening_box, window_parts
-from egosplat_apartments.world.shell import corridor_parts, skirting, with_holes
+from egosplat_apartments.objects.shapes import Part, box, cylinder, ellipsoid, join, rod
+from egosplat_apartments.objects.textures import Picture, make_texture, noise, shaded
+from egosplat_apartments.world.room import Light, Opening, Room, opening_box
+from egosplat_apartments.world.shell import ceiling_shape, floor_shape, trim, wall_part
 
 # Cold, neutral and orange light.
 _LAMPS = ((5.2, 6.4, 8.6), (8.0, 8.0, 7.6), (10.5, 6.6, 3.4))
@@ -79,16 +79,7 @@ def _upright(first: Array, second: Array, height: float) -> Array:
 
 def foreign_shell(room: Room, rng: Rng) -> list[Part]:
     """The parts of the instance ``ApartmentEnv``, in world axes, and what stands in the way but has no name."""
-    parts = [
-        *_ground(room, rng),
-        *_ceiling(room, rng),
-        *_walls(room, rng),
-        *_blocks(room, rng),
-        *skirting(room, rng),
-    ]
-    for opening in room.windows:
-        parts += window_parts(room, opening, rng)
-    return parts + corridor_parts(room, rng)
+    return [part for piece in (_ground, _ceiling, _walls, _blocks, trim) for part in piece(room, rng)]
 
 
 def _ground(room: Room, rng: Rng) -> list[Part]:
@@ -105,7 +96,7 @@ def _ground(room: Room, rng: Rng) -> list[Part]:
     rug = make_texture(mosaic(rng, colors, (512, 512), 160), 2 * r)
     ground = make_texture(floors[rng.integers(3)], w, d)
     return [
-        Part("floor", sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12), ground),
+        Part("floor", floor_shape(room), ground),
         Part("rug", cylinder(r, 0.0, 0.007, 48).moved((x, 0, z)), rug),
     ]
 
@@ -122,7 +113,7 @@ def _ceiling(room: Room, rng: Rng) -> list[Part]:
     x, z = room.light.place
     low = h - room.light.drop
     return [
-        Part("ceiling", sheet((-w / 2, h, d / 2), (w, 0, 0), (0, 0, -d)), make_texture(concrete, w, d)),
+        Part("ceiling", ceiling_shape(room), make_texture(concrete, w, d)),
         Part("beams", join(beams), lacquer(rng)),
         Part(
             "lamp", ellipsoid((0.11, 0.11, 0.11), (x, low, z)), some_plastic(rng, (0.98, 0.95, 0.9)), glow=2.2
@@ -144,13 +135,8 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
             picture = mosaic(rng, tints, shape, 420)
         else:
             faint = tuple(0.8 * np.asarray(ground) + 0.2 * np.asarray(random_color(rng)))
-            picture = (
-                np.tile(dots(rng, ground, faint, 6), (2, 4, 1))
-                * (1 + 0.06 * noise(rng, shape, 1.1))[..., None]
-            )
-        holes = [opening for opening in room.openings if opening.wall == wall]
-        texture = make_texture(picture, room.length(wall), room.height)
-        parts.append(Part(f"wall {wall}", with_holes(room, wall, holes), texture))
+            picture = shaded(np.tile(dots(rng, ground, faint, 6), (2, 4, 1)), 0.06 * noise(rng, shape, 1.1))
+        parts.append(wall_part(room, wall, picture))
     return parts
 
 

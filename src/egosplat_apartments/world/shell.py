@@ -8,10 +8,18 @@ from egosplat_apartments.arrays import Rng
 from egosplat_apartments.objects.materials import some_fabric, some_paint, some_plastic, some_wood
 from egosplat_apartments.objects.pictures import random_color
 from egosplat_apartments.objects.shapes import Part, Shape, cylinder, join, sheet
-from egosplat_apartments.objects.textures import Color, make_texture, motifs, noise, planks, shaded, speckled
+from egosplat_apartments.objects.textures import (
+    Color,
+    Picture,
+    make_texture,
+    motifs,
+    noise,
+    planks,
+    shaded,
+    speckled,
+)
 from egosplat_apartments.world.room import (
     REVEAL_M,
-    Opening,
     Room,
     block,
     corridor_bounds,
@@ -87,29 +95,30 @@ _UP = np.array([0.0, 1.0, 0.0])
 
 def build_shell(room: Room, rng: Rng) -> list[Part]:
     """The parts of the instance ``ApartmentEnv``, in world axes."""
-    parts = [
-        _floor(room, rng),
-        _rug(room, rng),
-        _ceiling(room, rng),
-        *_lamp(room, rng),
-        *_walls(room, rng),
-        *skirting(room, rng),
-    ]
-    for opening in room.windows:
-        parts += window_parts(room, opening, rng)
-    return parts + corridor_parts(room, rng)
+    ground = [_floor(room, rng), _rug(room, rng)]
+    return [*ground, _ceiling(room, rng), *_lamp(room, rng), *_walls(room, rng), *trim(room, rng)]
+
+
+def floor_shape(room: Room) -> Shape:
+    """The whole floor, seen from above."""
+    w, d = room.width, room.depth
+    return sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12)
+
+
+def ceiling_shape(room: Room) -> Shape:
+    """The whole ceiling, seen from below."""
+    w, d = room.width, room.depth
+    return sheet((-w / 2, room.height, d / 2), (w, 0, 0), (0, 0, -d))
 
 
 def _floor(room: Room, rng: Rng) -> Part:
-    w, d = room.width, room.depth
     boards = planks(
         rng,
         [(0.55, 0.36, 0.2), (0.42, 0.27, 0.16), (0.68, 0.5, 0.32), (0.5, 0.42, 0.36)][rng.integers(4)],
         (1024, 1024),
         26,
     )
-    shape = sheet((-w / 2, 0, -d / 2), (w, 0, 0), (0, 0, d), 0.12)
-    return Part("floor", shape, make_texture(boards, w, d, surface="wood"))
+    return Part("floor", floor_shape(room), make_texture(boards, room.width, room.depth, surface="wood"))
 
 
 def _rug(room: Room, rng: Rng) -> Part:
@@ -131,15 +140,12 @@ def _rug(room: Room, rng: Rng) -> Part:
 def _ceiling(room: Room, rng: Rng) -> Part:
     """Plaster with a faint painted pattern."""
     # COLMAP needs features on the ceiling that can be matched between views.
-    w, d = room.width, room.depth
     white = (0.9, 0.88, 0.84)
     tints = [(0.84, 0.81, 0.76), (0.86, 0.83, 0.8), (0.78, 0.76, 0.73)]
-    picture = (
-        motifs(rng, white, tints, (768, 768), 700, (4, 14))
-        * (1 + 0.03 * noise(rng, (768, 768), 0.8))[..., None]
+    picture = shaded(motifs(rng, white, tints, (768, 768), 700, (4, 14)), 0.03 * noise(rng, (768, 768), 0.8))
+    return Part(
+        "ceiling", ceiling_shape(room), make_texture(picture, room.width, room.depth, surface="plaster")
     )
-    shape = sheet((-w / 2, room.height, d / 2), (w, 0, 0), (0, 0, -d))
-    return Part("ceiling", shape, make_texture(picture, w, d, surface="plaster"))
 
 
 def _lamp(room: Room, rng: Rng) -> list[Part]:
@@ -161,15 +167,12 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
     parts = []
     for wall in range(4):
         paper = int(rng.random() < 0.5)
-        length = room.length(wall)
         # A new picture for each wall: repeated patterns would give wrong matches.
         picture = motifs(
             rng, grounds[paper], inks[paper], (512, 1024), 11_000 // sizes[paper][1], sizes[paper]
         )
         picture *= 1 + 0.05 * noise(rng, (512, 1024), 0.7)[..., None]
-        holes = [opening for opening in room.openings if opening.wall == wall]
-        texture = make_texture(picture, length, room.height, surface="flowered paper")
-        parts.append(Part(f"wall {wall}", with_holes(room, wall, holes), texture))
+        parts.append(wall_part(room, wall, picture, "flowered paper"))
     return parts
 
 
@@ -180,8 +183,9 @@ def _faint(ink: Color, ground: Color) -> Color:
     return red, green, blue
 
 
-def with_holes(room: Room, wall: int, holes: list[Opening]) -> Shape:
-    """A wall with holes for its openings; the texture is continuous across the pieces."""
+def wall_part(room: Room, wall: int, picture: Picture, surface: str = "") -> Part:
+    """A wall with holes for its openings; the picture is continuous across the pieces."""
+    holes = [opening for opening in room.openings if opening.wall == wall]
     cuts = sorted({0.0, room.length(wall), *(cut for hole in holes for cut in (hole.left, hole.right))})
     pieces = []
     for left, right in itertools.pairwise(cuts):
@@ -190,7 +194,8 @@ def with_holes(room: Room, wall: int, holes: list[Opening]) -> Shape:
         for low, high in ((0.0, spans[0][0]), (spans[0][1], room.height)):
             if high - low > 1e-9:
                 pieces.append(_piece(room, wall, (left, right), (low, high)))
-    return join(pieces)
+    texture = make_texture(picture, room.length(wall), room.height, surface=surface)
+    return Part(f"wall {wall}", join(pieces), texture)
 
 
 def _piece(room: Room, wall: int, along: tuple[float, float], heights: tuple[float, float]) -> Shape:
@@ -199,7 +204,8 @@ def _piece(room: Room, wall: int, along: tuple[float, float], heights: tuple[flo
     return Shape(flat.vertices, flat.normals, flat.uv + (along[0], room.height - heights[1]), flat.faces)
 
 
-def skirting(room: Room, rng: Rng) -> list[Part]:
+def trim(room: Room, rng: Rng) -> list[Part]:
+    """What the shells of all worlds share: skirting, windows, and the corridor behind the door."""
     pieces = []
     for wall in range(4):
         gap = (room.door.left - 0.06, room.door.right + 0.06) if room.door.wall == wall else (0.0, 0.0)
@@ -207,4 +213,7 @@ def skirting(room: Room, rng: Rng) -> list[Part]:
         pieces += [
             block(room, wall, span, (0.0, 0.08), (0.0, 0.012)) for span in spans if span[1] - span[0] > 0.01
         ]
-    return [Part("skirting", join(pieces), some_wood(rng))]
+    parts = [Part("skirting", join(pieces), some_wood(rng))]
+    for opening in room.windows:
+        parts += window_parts(room, opening, rng)
+    return parts + corridor_parts(room, rng)

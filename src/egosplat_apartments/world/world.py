@@ -94,20 +94,10 @@ class World:
     def body_poses(self, seconds: float) -> dict[int, Array]:
         """(4, 4) pose of every body that is not static, by its number in the geometry."""
         moved = self.moved_things(seconds)
-        uid_of = {
-            thing.number: one.instance_id
-            for one, thing in zip(self.apartment.instances[1:], self.apartment.things, strict=True)
-        }
-        by_id = {uid_of[number]: iter([pose]) for number, pose in moved.items()}
-        by_id |= {
-            person.instance.instance_id: iter(person.limb_poses(seconds, moved)) for person in self.people
-        }
-        first = self.geometry.group("static")[1]
-        return {
-            number: next(by_id[body.instance_id])
-            for number, body in enumerate(self.geometry.bodies)
-            if number >= first
-        }
+        # The order of ``make_world``: the carried things by number, then each person's limbs.
+        poses = [moved[number] for number in sorted(moved)]
+        poses += [pose for person in self.people for pose in person.limb_poses(seconds, moved)]
+        return dict(enumerate(poses, self.geometry.group("static")[1]))
 
 
 def make_world(*, seed: int, seconds: float, objects: int, motion: float, world: str = "usual") -> World:

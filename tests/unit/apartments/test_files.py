@@ -22,10 +22,10 @@ TAGS = {"device_type": "Aria", "origin": "a test"}
 def write(path, times_ns):
     shape = {"image_width": WIDTH, "image_height": HEIGHT, "image_stride": WIDTH * 2}
     stream = ImageStream(345, 1, "Ground Truth Depth Data Class", "", "raw", True, shape)
-    with create_vrs(path, TAGS, [stream]) as file:
+    with create_vrs(path, TAGS, stream) as file:
         for number, time in enumerate(times_ns):
             exposed = {"frame_number": number, "exposure_s": 0.004, "gain": 1.5}
-            file.write_image(stream, bytes(WIDTH * HEIGHT * 2), timestamp_ns=time, **exposed)
+            file.write_image(bytes(WIDTH * HEIGHT * 2), timestamp_ns=time, **exposed)
 
 
 def test_record_chain_leads_from_the_header_to_the_end(tmp_path):
