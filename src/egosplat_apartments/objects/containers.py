@@ -57,7 +57,7 @@ def box_with_lid(rng: Rng) -> Model:
     w, h, d = rng.uniform(0.18, 0.24), rng.uniform(0.1, 0.15), rng.uniform(0.14, 0.18)
     band = [box((-0.012, 0, -d / 2 - 0.006), (0.012, h + 0.003, d / 2 + 0.006))]
     band += [ellipsoid((0.03, 0.014, 0.016), (x, h + 0.014, 0), 10) for x in (-0.028, 0.028)]
-    picture = motifs(rng, random_color(rng, (0.3, 0.7)), (random_color(rng),), (256, 256), 50, (5, 15))
+    picture = motifs(rng, random_color(rng, (0.3, 0.7)), (random_color(rng),), 50, (5, 15))
     paper = make_texture(picture, 0.2, surface="flowered paper")
     lid_shape = box((-w / 2 - 0.004, h - 0.035, -d / 2 - 0.004), (w / 2 + 0.004, h, d / 2 + 0.004))
     return assemble(
@@ -69,14 +69,8 @@ def box_with_lid(rng: Rng) -> Model:
 
 def tissue_box(rng: Rng) -> Model:
     """A printed box with a tissue coming out."""
-    picture = motifs(
-        rng,
-        random_color(rng, (0.2, 0.6), (0.6, 0.9)),
-        (random_color(rng), (0.95, 0.95, 0.9)),
-        (256, 256),
-        40,
-        (8, 26),
-    )
+    ground, ink = random_color(rng, (0.2, 0.6), (0.6, 0.9)), random_color(rng)
+    picture = motifs(rng, ground, (ink, (0.95, 0.95, 0.9)), 40, (8, 26))
     card = make_texture(picture, 0.22, surface="flowered paper")
     tissue = [
         leaf(0.09, 0.08, 0.02).moved((0, 0.09, 0), Rotation.from_euler("YX", [turn, -1.2]))

@@ -22,11 +22,10 @@ def table(rng: Rng, width: float, depth: float, height: float) -> Model:
     """Top, apron and legs; the top is wood or marble."""
     stone = rng.random() < 0.3
     frame = some_wood(rng)
-    top = (
-        make_texture(marble(rng, (0.85, 0.84, 0.8), (0.3, 0.3, 0.33)), 0.8, surface="marble")
-        if stone
-        else some_wood(rng)
-    )
+    if stone:
+        top = make_texture(marble(rng, (0.85, 0.84, 0.8), (0.3, 0.3, 0.33)), 0.8, surface="marble")
+    else:
+        top = some_wood(rng)
     x, z = width / 2, depth / 2
     apron = box((-x + 0.06, height - 0.11, -z + 0.06), (x - 0.06, height - 0.04, z - 0.06))
     return assemble(
@@ -150,19 +149,16 @@ def bookcase(rng: Rng) -> Model:
     boards = [box((-w / 2 + 0.02, y, -d / 2), (w / 2 - 0.02, y + 0.02, d / 2)) for y in heights]
     sides = [box((x - 0.01, 0, -d / 2), (x + 0.01, h, d / 2)) for x in (-w / 2 + 0.01, w / 2 - 0.01)]
     back = box((-w / 2 + 0.02, 0.06, -d / 2), (w / 2 - 0.02, h, -d / 2 + 0.01))
-    shelves = [
-        Surface("shelf", (-w / 2 + 0.04, -d / 2 + 0.03), (w / 2 - 0.04, d / 2 - 0.01), y + 0.02, 0.33)
-        for y in heights[:-1]
-    ]
-    top = Surface("shelf", (-w / 2 + 0.04, -d / 2 + 0.03), (w / 2 - 0.04, d / 2 - 0.01), heights[-1] + 0.02)
-    back_texture = make_texture(
-        cloth(rng, random_color(rng, (0.2, 0.5), (0.6, 0.9)), 0.2), 0.5, surface="plain cloth"
-    )
+    ends = (-w / 2 + 0.04, -d / 2 + 0.03), (w / 2 - 0.04, d / 2 - 0.01)
+    rooms = [0.33] * rows + [2.0]
+    lining = cloth(rng, random_color(rng, (0.2, 0.5), (0.6, 0.9)), 0.2)
     return assemble(
         Part("shelves", join(boards), body),
         Part("sides", join(sides), body),
-        Part("back", back, back_texture),
-        surfaces=(*shelves, top),
+        Part("back", back, make_texture(lining, 0.5, surface="plain cloth")),
+        surfaces=tuple(
+            Surface("shelf", *ends, y + 0.02, room) for y, room in zip(heights, rooms, strict=True)
+        ),
     )
 
 

@@ -57,14 +57,14 @@ def some_fabric(rng: Rng) -> Texture:
         case 2:
             return make_texture(checks(rng, base, other), 0.4, surface="checked cloth")
         case _:
-            picture = motifs(rng, base, (other, (0.95, 0.9, 0.8)), (256, 256), 60, (5, 13))
+            picture = motifs(rng, base, (other, (0.95, 0.9, 0.8)), 60, (5, 13))
             return make_texture(picture, 0.5, surface="flowered cloth")
 
 
 def upholstery(rng: Rng) -> Texture:
     """Sturdy cloth with a scattered pattern on it."""
     base, other = random_color(rng, (0.15, 0.6), (0.35, 0.75)), random_color(rng, (0.2, 0.7), (0.3, 0.9))
-    picture = 0.5 * cloth(rng, base, 0.25) + 0.5 * motifs(rng, base, (other,), (256, 256), 90, (3, 9))
+    picture = 0.5 * cloth(rng, base, 0.25) + 0.5 * motifs(rng, base, (other,), 90, (3, 9))
     return make_texture(picture, 0.6, surface="flowered cloth")
 
 
@@ -92,9 +92,8 @@ def some_glaze(rng: Rng) -> Texture:
                 stripes(rng, (ground, other, ground), 9, upright=False), 0.16, surface="striped pottery"
             )
         case _:
-            return make_texture(
-                motifs(rng, ground, (other,), (256, 256), 40, (6, 16)), 0.16, surface="flowered pottery"
-            )
+            picture = motifs(rng, ground, (other,), 40, (6, 16))
+            return make_texture(picture, 0.16, surface="flowered pottery")
 
 
 _SIDE = (256, 256)

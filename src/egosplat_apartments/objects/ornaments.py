@@ -160,10 +160,8 @@ def toy(rng: Rng) -> Model:
 
 def ball(rng: Rng) -> Model:
     """A basketball."""
-    y, x = np.mgrid[:256, :256] / 256.0
-    lines = np.maximum(
-        np.exp(-(np.sin(2 * np.pi * x) ** 2) / 0.006), np.exp(-(np.sin(2 * np.pi * y) ** 2) / 0.006)
-    )
+    seams = np.exp(-(np.sin(2 * np.pi * (np.mgrid[:256, :256] / 256.0)) ** 2) / 0.006)
+    lines = seams.max(axis=0)
     leather = speckled(rng, (0.8, 0.42, 0.16), (0.6, 0.28, 0.1), 900, 2)
     picture = leather * (1 - lines[..., None]) + 0.06 * lines[..., None]
     ball_shape = ellipsoid((0.12, 0.12, 0.12), (0, 0.12, 0), 28)

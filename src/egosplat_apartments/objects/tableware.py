@@ -15,7 +15,7 @@ from egosplat_apartments.objects.textures import Texture, make_texture, metal, m
 def coaster(rng: Rng) -> Model:
     """A round mat of cork with a picture on it, on a rim."""
     r = rng.uniform(0.055, 0.07)
-    picture = motifs(rng, random_color(rng), (random_color(rng), (0.95, 0.9, 0.8)), (256, 256), 26, (12, 34))
+    picture = motifs(rng, random_color(rng), (random_color(rng), (0.95, 0.9, 0.8)), 26, (12, 34))
     top = make_texture(picture, 2 * r, surface="flowered paper")
     cork = make_texture(speckled(rng, (0.65, 0.47, 0.28), (0.35, 0.22, 0.12)), 0.1, surface="speckled cork")
     return assemble(
@@ -96,12 +96,9 @@ def bottle(rng: Rng) -> Model:
 
 def tea_kettle(rng: Rng) -> Model:
     """A round kettle: spout, handle, lid."""
-    enamel = make_texture(
-        0.6 * metal(rng, base := random_color(rng, (0.2, 0.9), (0.5, 0.9)))
-        + 0.4 * speckled(rng, base, (0.9, 0.9, 0.9), 60, 5),
-        0.25,
-        surface="speckled metal",
-    )
+    color = random_color(rng, (0.2, 0.9), (0.5, 0.9))
+    picture = 0.6 * metal(rng, color) + 0.4 * speckled(rng, color, (0.9, 0.9, 0.9), 60, 5)
+    enamel = make_texture(picture, 0.25, surface="speckled metal")
     body = lathe([(0, 0), (0.08, 0), (0.1, 0.03), (0.098, 0.08), (0.06, 0.13), (0, 0.135)], 28, 60)
     arc = [(0.085 * np.cos(a), 0.12 + 0.1 * np.sin(a), 0) for a in np.linspace(0.15, np.pi - 0.15, 9)]
     handle = join([rod(a, b, 0.008) for a, b in itertools.pairwise(arc)])
@@ -121,18 +118,15 @@ def tea_kettle(rng: Rng) -> Model:
 
 def toaster(rng: Rng) -> Model:
     """A toaster with two slices in it."""
-    body = make_texture(
-        0.7 * metal(rng, c := random_color(rng, (0.1, 0.9), (0.6, 0.9)))
-        + 0.3 * stripes(rng, (c, (0.9, 0.9, 0.9)), 6),
-        0.3,
-        surface="striped metal",
-    )
+    color = random_color(rng, (0.1, 0.9), (0.6, 0.9))
+    picture = 0.7 * metal(rng, color) + 0.3 * stripes(rng, (color, (0.9, 0.9, 0.9)), 6)
+    body = make_texture(picture, 0.3, surface="striped metal")
     bread = [cushion((-0.055, 0.15, z - 0.012), (0.055, 0.225, z + 0.012), 0.011) for z in (-0.035, 0.035)]
-    slices = join(bread)
+    toast = make_texture(speckled(rng, (0.75, 0.55, 0.3), (0.45, 0.28, 0.12), 300), 0.1)
     feet = [cylinder(0.012, 0, 0.016, 10).moved((x, 0, z)) for x in (-0.1, 0.1) for z in (-0.05, 0.05)]
     return assemble(
         Part("body", cushion((-0.13, 0.012, -0.08), (0.13, 0.19, 0.08), 0.03), body),
-        Part("slices", slices, make_texture(speckled(rng, (0.75, 0.55, 0.3), (0.45, 0.28, 0.12), 300), 0.1)),
+        Part("slices", join(bread), toast),
         Part("lever", box((0.128, 0.11, -0.02), (0.155, 0.125, 0.02)), some_plastic(rng, (0.1, 0.1, 0.1))),
         Part("feet", join(feet), some_plastic(rng, (0.1, 0.1, 0.1))),
     )
@@ -141,13 +135,9 @@ def toaster(rng: Rng) -> Model:
 def cutting_board(rng: Rng) -> Model:
     """A board with a loaf and a handle."""
     board = join([box((-0.16, 0, -0.11), (0.16, 0.018, 0.11)), box((0.16, 0, -0.025), (0.23, 0.018, 0.025))])
-    loaf = ellipsoid((0.09, 0.045, 0.05), (-0.03, 0.055, 0), 16)
-    return assemble(
-        Part("board", board, some_wood(rng)),
-        Part(
-            "bread", loaf, make_texture(speckled(rng, (0.72, 0.48, 0.24), (0.95, 0.85, 0.65), 120, 5), 0.12)
-        ),
-    )
+    loaf, timber = ellipsoid((0.09, 0.045, 0.05), (-0.03, 0.055, 0), 16), some_wood(rng)
+    crust = make_texture(speckled(rng, (0.72, 0.48, 0.24), (0.95, 0.85, 0.65), 120, 5), 0.12)
+    return assemble(Part("board", board, timber), Part("bread", loaf, crust))
 
 
 def pot(rng: Rng) -> Model:

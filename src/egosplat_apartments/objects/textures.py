@@ -118,8 +118,8 @@ def stripes(rng: Rng, colors: Sequence[Color], count: int = 8, upright: bool = T
 
 def checks(rng: Rng, first: Color, second: Color, count: int = 4) -> Picture:
     """Tartan: two sets of stripes that cross."""
-    bands = [np.floor(np.arange(_SIDE) * 2 * count / _SIDE) % 2 for _ in range(2)]
-    share = 0.5 * (bands[0][None] + bands[1][:, None])
+    band = np.floor(np.arange(_SIDE) * 2 * count / _SIDE) % 2
+    share = 0.5 * (band[None] + band[:, None])
     lines = (np.arange(_SIDE) % (_SIDE // count) < 5).astype(float)
     picture = mixed(first, second, share) + 0.25 * np.maximum(lines[None], lines[:, None])[..., None]
     return shaded(picture, 0.08 * noise(rng, (_SIDE, _SIDE), 0.8))
@@ -162,14 +162,14 @@ def motifs(
     rng: Rng,
     ground: Color,
     colors: Sequence[Color],
-    shape: tuple[int, int],
     count: int,
     radius: tuple[int, int],
+    shape: tuple[int, int] = (_SIDE, _SIDE),
 ) -> Picture:
     """Leaves and blossoms scattered at random over a cloudy ground, all different; does not repeat.
 
     Args:
-        shape: (height, width) in texels; count: number of motifs; radius: their smallest and largest size.
+        count: number of motifs; radius: their smallest and largest size; shape: (height, width) in texels.
     """
     picture = shaded(ground, 0.05 * noise(rng, shape, 1.2))
     for _ in range(count):

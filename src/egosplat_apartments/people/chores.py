@@ -24,7 +24,7 @@ from egosplat_apartments.people.motion import (
     tour_of,
 )
 from egosplat_apartments.people.people import OTHER_HOLD
-from egosplat_apartments.people.walk import Route, Walk, make_route, make_walk
+from egosplat_apartments.people.walk import Route, Visit, Walk, make_route, make_walk
 from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.layout import Layout, Placed
 from egosplat_apartments.world.room import hidden_place
@@ -56,15 +56,9 @@ Chore = tuple[Errand, ...]
 Clear = Callable[[Array, Array], bool]
 
 
-@dataclass(frozen=True)
-class Chores:
-    """What two people do: the wearer's head with its jobs, and the visitor's walk and jobs."""
-
-    head: HeadMotion
-    visitor: tuple[Walk, tuple[Job, ...]]
-
-
-def plan_chores(apartment: Apartment, rng: Rng, seconds: float, work_s: float) -> Chores | None:
+def plan_chores(
+    apartment: Apartment, rng: Rng, seconds: float, work_s: float
+) -> tuple[HeadMotion, Visit] | None:
     """Plan the chores of the wearer and of a visitor within the first ``work_s`` of a recording; None if none fit."""
     watches = work_s < MANY_FROM_S  # the visitor, for which a wearer with many things has no time
     owns, objects, carries = _FEW if watches else _MANY
@@ -80,7 +74,7 @@ def plan_chores(apartment: Apartment, rng: Rng, seconds: float, work_s: float) -
                 span, jobs = (-1.0, seconds + 1.0), [*head.jobs]
                 head = looking_around(apartment, head.walk, jobs, rng, span, _TURN_PER_S, visitor[0])
             if head and visitor and not _grazes(apartment, head.walk, head.jobs, HOLD):
-                return Chores(head, visitor)
+                return head, visitor
     return None
 
 
@@ -159,7 +153,7 @@ def _wearer(
 
 def _visitor(
     apartment: Apartment, chores: Sequence[Chore], rng: Rng, head: HeadMotion, seconds: float, work_s: float
-) -> tuple[Walk, tuple[Job, ...]] | None:
+) -> Visit | None:
     """A visitor comes through the door, does the chores, out of the wearer's way, and leaves."""
     hidden, span = hidden_place(apartment.room), (-1.5, seconds + 1.5)
 

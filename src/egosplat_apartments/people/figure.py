@@ -16,7 +16,8 @@ THIGH, SHIN, _ANKLE = 0.43, 0.42, 0.08
 UPPER_ARM, FOREARM, _HAND = 0.29, 0.26, 0.09
 _TORSO, _HIP_HEIGHT, _HIP_HALF, _SHOULDER_HALF = 0.5, 0.92, 0.09, 0.19
 
-_STRIDE_M = 1.3
+# Length of a stride of two steps.
+STRIDE_M = 1.3
 
 _UP = np.array([0.0, 1.0, 0.0])
 
@@ -56,7 +57,7 @@ def joints_of(stance: Stance) -> dict[str, Array]:
     forward = np.array([np.sin(stance.heading), 0.0, np.cos(stance.heading)])
     right = np.cross(forward, _UP)
     ground = np.array([stance.place[0], 0.0, stance.place[1]])
-    phase = 2 * np.pi * stance.walked / _STRIDE_M
+    phase = 2 * np.pi * stance.walked / STRIDE_M
     # The knees give 45 % of a crouch. The rest comes from the hips, which also tilt the shoulders forward.
     drop = 0.45 * stance.crouch
     bob = 0.012 * stance.lively * np.cos(2 * phase)

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from egosplat.geometry import CLOCKWISE, compose, invert, make_pose
 from egosplat_apartments.adt_format.aria import device_from_camera
 from egosplat_apartments.arrays import Array, Rng, Times, Trajectory
+from egosplat_apartments.people.figure import STRIDE_M
 from egosplat_apartments.people.jobs import REACHING_S, Errand, Job
 from egosplat_apartments.people.smooth import STEP_S, SmoothTrack, control_times, limited
 from egosplat_apartments.people.walk import Walk, make_route, make_walk
@@ -30,8 +31,6 @@ _TURN_PER_S, _NOD_PER_S = 1.2, 0.8
 _PITCH_RANGE = (-0.95, 0.2)
 # For how long a visitor is looked at, and for as long not, and at which height.
 _WATCH_S, _CHEST_M = 2.5, 1.1
-# Length of a stride of two steps.
-_STRIDE_M = 1.3
 # The motion is defined this long before and after the recording.
 _LEAD_S = 1.0
 
@@ -53,7 +52,7 @@ class HeadMotion:
         x, z, heading, walked, crouch, lean = self.walk.track(times).T
         yaw, pitch = self.gaze(times).T
         # The head sways once and bobs twice per stride of two steps.
-        step = 2 * np.pi * walked / _STRIDE_M
+        step = 2 * np.pi * walked / STRIDE_M
         sway = 0.012 * np.sin(step)
         height = EYES_M - crouch + 0.012 * np.cos(2 * step)
         sine, cosine = np.sin(heading), np.cos(heading)

@@ -25,7 +25,7 @@ from egosplat_apartments.people.figure import (
 from egosplat_apartments.people.jobs import LIFTING_S, REACHING_S, Errand, Job, stands_of
 from egosplat_apartments.people.motion import SHOULDERS_BEHIND_M, HeadMotion
 from egosplat_apartments.people.smooth import smoothstep
-from egosplat_apartments.people.walk import Route, Walk, make_route, make_walk
+from egosplat_apartments.people.walk import Route, Visit, Walk, make_route, make_walk
 from egosplat_apartments.world.apartment import Apartment
 from egosplat_apartments.world.room import hidden_place
 
@@ -149,7 +149,7 @@ def make_wearer(uid: int, head: HeadMotion, clothes: Clothes) -> Person:
 
 def plan_other(
     apartment: Apartment, errands: list[Errand], rng: Rng, head: HeadMotion, seconds: float, work_s: float
-) -> tuple[Walk, tuple[Job, ...]] | None:
+) -> Visit | None:
     """Plan a visitor who comes through the door, carries objects for a while and leaves.
 
     Of several plans, return the one that keeps farthest from the wearer. The visitor does not touch what the
@@ -196,7 +196,7 @@ def _errands_for(errands: list[Errand], rng: Rng, work_s: float) -> list[Errand]
 
 def _other_walk(
     route: Route, errands: Sequence[Errand], seconds: float, share: float, pauses: Array
-) -> tuple[Walk, tuple[Job, ...]]:
+) -> Visit:
     """Walk the route as early (share 0) to as late (share 1) as fits into the recording."""
     clock, times, along = 0.0, [-60.0, 0.0], [0.0, 0.0]
     grips = []
@@ -222,7 +222,7 @@ def _other_walk(
     return walk, jobs
 
 
-def make_other(uid: int, plan: tuple[Walk, tuple[Job, ...]], clothes: Clothes) -> Person:
+def make_other(uid: int, plan: Visit, clothes: Clothes) -> Person:
     """The visitor, rendered from head to foot."""
     return Person(_human(uid, "Skeleton_T"), plan[0], plan[1], clothes, tuple(LIMBS), OTHER_HOLD, 0.0)
 

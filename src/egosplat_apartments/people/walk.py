@@ -81,6 +81,10 @@ class Walk:
         return self.track(times)[:, :2]
 
 
+# A visitor's walk, and the jobs on the way.
+Visit = tuple[Walk, tuple[Job, ...]]
+
+
 def make_walk(
     route: Route,
     times: Array,

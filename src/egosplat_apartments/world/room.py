@@ -19,7 +19,7 @@ REVEAL_M = 0.12
 
 # Free depth before the door, so that people can walk in.
 _DOOR_CLEAR_M = 1.0
-_UP = np.array([0.0, 1.0, 0.0])
+UP = np.array([0.0, 1.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class Room:
 
     def right(self, wall: int) -> Array:
         """(3,) unit vector to the right along a wall, as seen from inside."""
-        return np.cross(_UP, self.normal(wall))
+        return np.cross(UP, self.normal(wall))
 
     def length(self, wall: int) -> float:
         """Length of a wall [m]."""
@@ -92,7 +92,7 @@ class Room:
 
     def at(self, wall: int, along: float, height: float, away: float = 0.0) -> Array:
         """(3,) point at a distance along a wall, a height, and a distance from the wall into the room [m]."""
-        return self.corner(wall) + self.right(wall) * along + _UP * height + self.normal(wall) * away
+        return self.corner(wall) + self.right(wall) * along + UP * height + self.normal(wall) * away
 
     @property
     def door(self) -> Opening:
@@ -178,7 +178,7 @@ def _view(room: Room, hole: Opening, rng: Rng) -> Part:
     left, right = max(0.0, hole.left - 0.9), min(room.length(wall), hole.right + 0.9)
     bottom, top = hole.bottom - 0.8, hole.top + 0.9
     along, inward = room.right(wall) * (right - left), room.normal(wall) * depth
-    up = _UP * (top - bottom)
+    up = UP * (top - bottom)
     back = sheet(room.at(wall, left, top, -depth), along, -up, 0.5)
     sides = [
         sheet(room.at(wall, left, top), -inward, -up, 0.5),
@@ -197,8 +197,8 @@ def reveal(room: Room, hole: Opening) -> Shape:
     right, inward = room.right(wall), room.normal(wall)
     rise = hole.top - hole.bottom
     sides = [
-        sheet(room.at(wall, hole.left, hole.top), -inward * depth, -_UP * rise),
-        sheet(room.at(wall, hole.right, hole.top, -depth), inward * depth, -_UP * rise),
+        sheet(room.at(wall, hole.left, hole.top), -inward * depth, -UP * rise),
+        sheet(room.at(wall, hole.right, hole.top, -depth), inward * depth, -UP * rise),
         sheet(room.at(wall, hole.left, hole.top), right * (hole.right - hole.left), -inward * depth),
     ]
     if not hole.door:

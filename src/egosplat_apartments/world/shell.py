@@ -20,6 +20,7 @@ from egosplat_apartments.objects.textures import (
 )
 from egosplat_apartments.world.room import (
     REVEAL_M,
+    UP,
     Room,
     block,
     corridor_bounds,
@@ -40,7 +41,7 @@ def corridor_parts(room: Room, rng: Rng) -> list[Part]:
         room.at(door.wall, left, _HEIGHT_M, -near), across * (right - left), -inward * (far - near)
     )
     colors = [random_color(rng) for _ in range(2)]
-    paper = motifs(rng, random_color(rng, (0.1, 0.3), (0.7, 0.9)), colors, (512, 512), 150, (8, 26))
+    paper = motifs(rng, random_color(rng, (0.1, 0.3), (0.7, 0.9)), colors, 150, (8, 26), (512, 512))
     stone = speckled(rng, (0.62, 0.6, 0.56), (0.35, 0.33, 0.32), 900, 5)
     plaster = make_texture(
         shaded((0.88, 0.87, 0.85), 0.04 * noise(rng, (256, 256), 1.0)), 1.0, surface="plaster"
@@ -90,9 +91,6 @@ def _door(room: Room, rng: Rng) -> list[Part]:
     ]
 
 
-_UP = np.array([0.0, 1.0, 0.0])
-
-
 def build_shell(room: Room, rng: Rng) -> list[Part]:
     """The parts of the instance ``ApartmentEnv``, in world axes."""
     ground = [_floor(room, rng), _rug(room, rng)]
@@ -126,12 +124,11 @@ def _rug(room: Room, rng: Rng) -> Part:
     x, z = rng.uniform(-0.15, 0.15) * room.width, rng.uniform(-0.15, 0.15) * room.depth
     ground = random_color(rng, (0.3, 0.7), (0.3, 0.7))
     colors = [random_color(rng, (0.2, 0.8), (0.3, 0.95)) for _ in range(4)]
-    picture = motifs(rng, ground, colors, (512, 704), 220, (7, 30))
+    picture = motifs(rng, ground, colors, 220, (7, 30), (512, 704))
     for inset, tint in ((0, colors[0]), (12, (0.9, 0.87, 0.78)), (20, ground)):
-        for line in (picture[inset : inset + 10], picture[-inset - 10 : len(picture) - inset]):
-            line[:] = tint
-        for line in (picture[:, inset : inset + 10], picture[:, -inset - 10 : picture.shape[1] - inset]):
-            line[:] = tint
+        for rows in (picture, np.swapaxes(picture, 0, 1)):
+            rows[inset : inset + 10] = tint
+            rows[len(rows) - inset - 10 : len(rows) - inset] = tint
     picture *= 1 + 0.12 * noise(rng, picture.shape[:2], 0.5)[..., None]
     shape = sheet((x - w / 2, 0.006, z - d / 2), (w, 0, 0), (0, 0, d))
     return Part("rug", shape, make_texture(picture, w, d, surface="flowered cloth"))
@@ -142,7 +139,7 @@ def _ceiling(room: Room, rng: Rng) -> Part:
     # COLMAP needs features on the ceiling that can be matched between views.
     white = (0.9, 0.88, 0.84)
     tints = [(0.84, 0.81, 0.76), (0.86, 0.83, 0.8), (0.78, 0.76, 0.73)]
-    picture = shaded(motifs(rng, white, tints, (768, 768), 700, (4, 14)), 0.03 * noise(rng, (768, 768), 0.8))
+    picture = shaded(motifs(rng, white, tints, 700, (4, 14), (768, 768)), 0.03 * noise(rng, (768, 768), 0.8))
     return Part(
         "ceiling", ceiling_shape(room), make_texture(picture, room.width, room.depth, surface="plaster")
     )
@@ -168,10 +165,9 @@ def _walls(room: Room, rng: Rng) -> list[Part]:
     for wall in range(4):
         paper = int(rng.random() < 0.5)
         # A new picture for each wall: repeated patterns would give wrong matches.
-        picture = motifs(
-            rng, grounds[paper], inks[paper], (512, 1024), 11_000 // sizes[paper][1], sizes[paper]
-        )
-        picture *= 1 + 0.05 * noise(rng, (512, 1024), 0.7)[..., None]
+        shape, count = (512, 1024), 11_000 // sizes[paper][1]
+        picture = motifs(rng, grounds[paper], inks[paper], count, sizes[paper], shape)
+        picture = shaded(picture, 0.05 * noise(rng, shape, 0.7))
         parts.append(wall_part(room, wall, picture, "flowered paper"))
     return parts
 
@@ -200,7 +196,7 @@ def wall_part(room: Room, wall: int, picture: Picture, surface: str = "") -> Par
 
 def _piece(room: Room, wall: int, along: tuple[float, float], heights: tuple[float, float]) -> Shape:
     corner = room.at(wall, along[0], heights[1])
-    flat = sheet(corner, room.right(wall) * (along[1] - along[0]), -_UP * (heights[1] - heights[0]), 0.14)
+    flat = sheet(corner, room.right(wall) * (along[1] - along[0]), -UP * (heights[1] - heights[0]), 0.14)
     return Shape(flat.vertices, flat.normals, flat.uv + (along[0], room.height - heights[1]), flat.faces)
 
 

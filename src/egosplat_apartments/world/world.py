@@ -10,11 +10,12 @@ from egosplat_apartments.arrays import Array, Rng
 from egosplat_apartments.camera.raycasting import Body, Geometry, build_geometry
 from egosplat_apartments.objects.catalogue import busy_wish_list, random_ids
 from egosplat_apartments.objects.foreign import build_foreign
-from egosplat_apartments.people.chores import HOLD, LEAST_WORK_S, MANY_FROM_S, REACH_S, Chores, plan_chores
+from egosplat_apartments.people.chores import HOLD, LEAST_WORK_S, MANY_FROM_S, REACH_S, plan_chores
 from egosplat_apartments.people.figure import random_clothes
 from egosplat_apartments.people.jobs import Errand, Job, find_errands
 from egosplat_apartments.people.motion import HeadMotion, plan_head
 from egosplat_apartments.people.people import Person, make_other, make_wearer, plan_other
+from egosplat_apartments.people.walk import Visit
 from egosplat_apartments.world.apartment import USUAL, Apartment, Style, make_apartment
 from egosplat_apartments.world.foreign import foreign_room, foreign_shell
 from egosplat_apartments.world.room import busy_room, random_room
@@ -108,7 +109,7 @@ def make_world(*, seed: int, seconds: float, objects: int, motion: float, world:
     layout_rng, motion_rng, people_rng = (np.random.default_rng([seed, stream]) for stream in range(3))
     if world == "busy" and share > 0:
         apartment, chores = _busy_apartment(layout_rng, motion_rng, objects, seconds, share * seconds)
-        head, people = chores.head, _busy_people(apartment, chores, people_rng)
+        head, people = chores[0], _busy_people(apartment, *chores, people_rng)
     else:
         apartment, errands = _apartment(layout_rng, objects, share > 0, STYLES[world])
         head, people = _plan_motion(apartment, errands, motion_rng, people_rng, seconds, share * seconds)
@@ -137,7 +138,7 @@ def _apartment(rng: Rng, objects: int, at_work: bool, style: Style) -> tuple[Apa
 
 def _busy_apartment(
     rng: Rng, motion_rng: Rng, objects: int, seconds: float, work_s: float
-) -> tuple[Apartment, Chores]:
+) -> tuple[Apartment, tuple[HeadMotion, Visit]]:
     """A busy apartment, and what its people do for ``work_s`` seconds."""
     # Things that are carried for a short time stay near in a room of the usual size.
     style = replace(STYLES["busy"], room=busy_room if work_s >= MANY_FROM_S else random_room)
@@ -153,11 +154,11 @@ def _busy_apartment(
     )
 
 
-def _busy_people(apartment: Apartment, chores: Chores, rng: Rng) -> tuple[Person, ...]:
+def _busy_people(apartment: Apartment, head: HeadMotion, visit: Visit, rng: Rng) -> tuple[Person, ...]:
     first, second = _new_ids(apartment, rng)[:2]
-    wearer = make_wearer(first, chores.head, random_clothes(rng))
+    wearer = make_wearer(first, head, random_clothes(rng))
     wearer = replace(wearer, hold=HOLD, both_hands=True, reaching_s=REACH_S)
-    return wearer, make_other(second, chores.visitor, random_clothes(rng))
+    return wearer, make_other(second, visit, random_clothes(rng))
 
 
 def _plan_motion(

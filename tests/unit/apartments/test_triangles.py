@@ -8,6 +8,7 @@ import pytest
 
 from compiling import compile_rays, find_compiler
 from egosplat.errors import UserError
+from egosplat_apartments.objects.shapes import sheet
 from egosplat_apartments.rays import library
 from egosplat_apartments.rays.triangles import Triangles
 
@@ -26,14 +27,9 @@ def random_triangles_and_rays():
 
 
 def rolling_ground():
-    rng = np.random.default_rng(3)
-    x, z = np.meshgrid(np.arange(41), np.arange(41), indexing="ij")
-    vertices = np.stack([x * 0.1, rng.uniform(0, 0.05, x.shape), z * 0.1], axis=-1).reshape(-1, 3)
-    number = np.arange(41 * 41).reshape(41, 41)
-    parts = number[:-1, :-1], number[:-1, 1:], number[1:, :-1], number[1:, 1:]
-    a, b, c, d = (part.ravel() for part in parts)
-    faces = np.concatenate([np.stack([a, c, b], axis=1), np.stack([b, c, d], axis=1)])
-    return vertices.astype(np.float32), faces.astype(np.int32)
+    flat = sheet((0, 0, 0), (4, 0, 0), (0, 0, 4), step=0.1)
+    heights = np.random.default_rng(3).uniform(0, 0.05, len(flat.vertices))
+    return (flat.vertices + np.outer(heights, [0, 1, 0])).astype(np.float32), flat.faces.astype(np.int32)
 
 
 def rays_at_edges(count):
