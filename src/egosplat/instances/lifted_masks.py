@@ -73,6 +73,13 @@ def holds(votes: NDArray[np.float32], seen: NDArray[np.float32], inside: float) 
     return (seen >= LEAST_SEEN) & (votes >= inside * seen)
 
 
+def masks_of(thing: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """The masks of each thing, from the (V,) thing of each mask, -1 for none; in the order of the things."""
+    order = np.argsort(thing, kind="stable")
+    parts = np.split(order, np.flatnonzero(np.diff(thing[order])) + 1)
+    return [mine for mine in parts if len(mine) and thing[mine[0]] >= 0]
+
+
 def lift_masks(
     gaussians: Gaussians,
     look: Callable[[int], tuple[Labels, NDArray[np.bool_]]],

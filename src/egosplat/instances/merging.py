@@ -1,12 +1,13 @@
 """Merge masks that show one thing, by the Gaussians that their frames have both seen (docs/method.md#instances-3d)."""
 
-from dataclasses import dataclass
+from heapq import heappop, heappush
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds
+from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
 from egosplat.instances.options import InstancesOptions
 
 FRAMES_A_BLOCK = 8
@@ -18,36 +19,89 @@ SAMPLE = 20_000
 Ints = NDArray[np.int64]
 Floats = NDArray[np.floating]
 
+Row = tuple[NDArray[np.int32], Floats]
+"""Columns and values of a row of a sparse matrix."""
+
 # Masks are compared only if their frames have both seen at least this share of the smaller one.
 COMMON = 0.2
 
 
-@dataclass(frozen=True, eq=False)
 class Runs:
-    """R groups of masks on n Gaussians.
+    """R groups of masks on n Gaussians, of which each has seen few.
 
     Attributes:
-        votes: (R, n) float32, summed weight inside the masks [px].
-        seen: (R, n) float32, summed weight in the frames of the masks [px].
-        inside: share of a Gaussian's weight from which it belongs to a run.
+        held: by run, int32 Gaussians that belong to it.
+        voters: (n, R) sparse, which runs have votes of each Gaussian; not changed by ``add``.
     """
 
-    votes: Floats
-    seen: Floats
-    inside: float
+    def __init__(
+        self, votes: sparse.csr_array, seen: sparse.csr_array, weight: Floats, inside: float
+    ) -> None:
+        """Take (R, n) weights, summed inside the masks and in the frames of the masks [px]; the (n,) weight of each
+        Gaussian in an IoU; the share of its summed weight from which a Gaussian belongs to a run."""
+        self._weight, self._inside = weight, inside
+        self._votes, self._seen, self.voters = _rows(votes), _rows(seen), sparse.csr_array(votes.T)
+        self.held = [self._holds(run) for run in range(len(self._votes))]
+        self._size = np.array([weight[held].sum() for held in self.held])
 
-    def has_seen(self, run: int | slice = slice(None)) -> NDArray[np.bool_]:
-        """(R, n) bool, which Gaussians the frames of each run have seen."""
-        return self.seen[run] >= LEAST_SEEN
+    def _holds(self, run: int) -> NDArray[np.int32]:
+        gaussian, votes = self._votes[run]
+        return gaussian[holds(votes, _dense(self._seen[run], len(self._weight))[gaussian], self._inside)]
 
-    def holds(self, run: int | slice = slice(None)) -> NDArray[np.bool_]:
-        """(R, n) bool, which Gaussians belong to each run."""
-        return holds(self.votes[run], self.seen[run], self.inside)
+    def _sees(self, run: int) -> NDArray[np.int32]:
+        gaussian, seen = self._seen[run]
+        return gaussian[seen >= LEAST_SEEN]
+
+    def _spread(self, gaussian: NDArray[np.int32]) -> Floats:
+        """(n,) weight of some Gaussians, 0 of the others."""
+        return _dense((gaussian, self._weight[gaussian]), len(self._weight))
 
     def add(self, into: int, other: int) -> None:
         """Add one run to another, in place."""
-        self.votes[into] += self.votes[other]
-        self.seen[into] += self.seen[other]
+        for rows in (self._votes, self._seen):
+            total = _dense(rows[into], len(self._weight))
+            total[rows[other][0]] += rows[other][1]
+            gaussian = np.flatnonzero(total).astype(np.int32)
+            rows[into] = gaussian, total[gaussian]
+        self.held[into] = self._holds(into)
+        self._size[into] = self._weight[self.held[into]].sum()
+
+    def overlaps(self, one: int, others: Ints) -> Floats:
+        """(K,) IoU of a run with each of others on what both have seen; NaN where that is too small a part of the
+        smaller run."""
+        mine, visible = self._spread(self.held[one]), self._spread(self._sees(one))
+        held = [self.held[other] for other in others]
+        shared, second = _sums(held, mine), _sums(held, visible)
+        first = _sums([self._sees(other) for other in others], mine)
+        union, smaller = first + second - shared, np.minimum(self._size[one], self._size[others])
+        iou = np.divide(shared, union, out=np.zeros(len(others)), where=union > 0)
+        return np.where(np.maximum(first, second) < COMMON * smaller, np.nan, iou)
+
+
+def _rows(matrix: sparse.csr_array) -> list[Row]:
+    """The rows, in the order of their columns."""
+    matrix.sort_indices()
+    spans = [slice(*span) for span in pairwise(matrix.indptr.tolist())]
+    return [(matrix.indices[span], matrix.data[span]) for span in spans]
+
+
+def _columns(matrix: sparse.csr_array, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The columns of the values of some rows; an index of SciPy takes many times as long for few rows."""
+    ends = matrix.indptr[rows + 1]
+    counts = ends - matrix.indptr[rows]
+    return matrix.indices[np.repeat(ends - np.cumsum(counts), counts) + np.arange(counts.sum())]
+
+
+def _dense(row: Row, length: int) -> Floats:
+    found = np.zeros(length, row[1].dtype)
+    found[row[0]] = row[1]
+    return found
+
+
+def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Floats:
+    """(K,) sum of the (n,) values of the Gaussians of each of K lists."""
+    owner = np.repeat(np.arange(len(gaussians)), [*map(len, gaussians)])
+    return np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
 
 
 def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:
@@ -61,11 +115,11 @@ def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions)
     np.minimum.at(first, run, masks.frame)
     thing, block = np.arange(count), first // FRAMES_A_BLOCK
     while count:
-        for one in np.unique(block):
-            members = np.flatnonzero((block == one) & (thing == np.arange(count)))
-            runs = Runs(*_sum_masks(votes, seen, masks.frame, thing[run], members), keys.inside)
-            thing[members] = members[agglomerate(runs, weight[some], keys)]
-            thing = thing[thing]
+        for mine in masks_of(block[run]):
+            members, row = np.unique(thing[run[mine]], return_inverse=True)
+            sums = _sum_masks(votes[mine], seen, masks.frame[mine], row)
+            thing[members] = members[agglomerate(Runs(*sums, weight[some], keys.inside), keys)]
+        thing = thing[thing]
         if not block.any():
             break
         block //= 2
@@ -73,94 +127,43 @@ def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions)
 
 
 def _sum_masks(
-    votes: sparse.csr_array, seen: sparse.csr_array, frame: Ints, group: Ints, members: Ints
-) -> tuple[Floats, Floats]:
-    """Votes and seen weights of the groups ``members`` of masks, as in ``Runs``."""
-    chosen = np.flatnonzero(np.isin(group, members))
-    row = np.searchsorted(members, group[chosen])
-    ones = np.ones(len(chosen), np.float32)
-    which = sparse.csr_array((ones, (row, chosen)), (len(members), len(group)))
-    # A frame counts once for a group, even if several of its masks belong to it.
-    frames = sparse.csr_array((ones, (row, frame[chosen])), (len(members), len(seen.indptr) - 1))
+    votes: sparse.csr_array, seen: sparse.csr_array, frame: Ints, row: Ints
+) -> tuple[sparse.csr_array, sparse.csr_array]:
+    """Votes and seen weights of runs, as in ``Runs``, from those of their masks: ``row`` (V,) numbers the runs."""
+    ones, count = np.ones(len(row), np.float32), int(row.max()) + 1
+    which = sparse.csr_array((ones, (row, np.arange(len(row)))), (count, len(row)))
+    # A frame counts once for a run, even if several of its masks belong to it.
+    frames = sparse.csr_array((ones, (row, frame)), (count, len(seen.indptr) - 1))
     frames.sum_duplicates()
     frames.data[:] = 1.0
-    return sparse.csr_array(which @ votes).toarray(), sparse.csr_array(frames @ seen).toarray()
+    return sparse.csr_array(which @ votes), sparse.csr_array(frames @ seen)
 
 
-def agglomerate(runs: Runs, weight: Floats, keys: InstancesOptions) -> Ints:
+def agglomerate(runs: Runs, keys: InstancesOptions) -> Ints:
     """Merge the two of R runs that are most alike, again and again, while they are one thing; changes the
-    runs. Returns (R,) number of the run that each is merged into, at most its own. ``weight``: as in
-    ``merge``."""
-    pairs, into = _Pairs(runs, weight), np.arange(len(runs.votes))
-    while pairs.largest.max() >= keys.merge_iou:
-        row = int(pairs.largest.argmax())
-        one, other = sorted((row, int(pairs.partner[row])))
-        into[into == other] = one
-        pairs.merge(one, other)
+    runs. Returns (R,) number of the run that each is merged into, at most its own."""
+    into, merges = np.arange(len(runs.held)), np.zeros(len(runs.held), np.int64)
+    # The most alike first, of equal pairs those of the lowest numbers; with the merges that both had until then.
+    alike: list[tuple[float, int, int, int]] = []
+
+    def compare(one: int, least: int) -> None:
+        """Add the pairs of a run with the runs from the number ``least`` that share a Gaussian with it."""
+        near = np.flatnonzero(np.bincount(into[_columns(runs.voters, runs.held[one])]))
+        near = near[(near >= least) & (near != one)]
+        if not len(near):
+            return
+        iou = runs.overlaps(one, near)
+        chosen = iou >= keys.merge_iou
+        for other, value in zip(near[chosen].tolist(), iou[chosen].tolist(), strict=True):
+            heappush(alike, (-value, min(one, other), max(one, other), int(merges[one] + merges[other])))
+
+    for one in range(len(into)):
+        compare(one, one)
+    while alike:
+        _, one, other, before = heappop(alike)
+        if before == merges[one] + merges[other]:
+            into[into == other] = one
+            merges[[one, other]] += 1
+            runs.add(one, other)
+            compare(one, 0)
     return into
-
-
-class _Pairs:
-    """The IoU of each two of R runs while runs are merged; a merge takes time for the runs that share a Gaussian with it.
-
-    Attributes:
-        largest, partner: (R,) the largest IoU of each run, and the first run that has it.
-    """
-
-    def __init__(self, runs: Runs, weight: Floats) -> None:
-        self._runs, self._weight = runs, weight
-        self._by_run = runs.holds()
-        # By Gaussian, too: what the others hold of a few Gaussians lies together.
-        self._held, self._seen = np.ascontiguousarray(self._by_run.T), np.ascontiguousarray(runs.has_seen().T)
-        self._size = self._by_run @ weight
-        self._iou = np.nan_to_num(overlaps(runs, weight))
-        np.fill_diagonal(self._iou, 0.0)
-        self.largest, self.partner = self._iou.max(axis=1), self._iou.argmax(axis=1)
-
-    def merge(self, one: int, other: int) -> None:
-        """Add run ``other`` to run ``one``, and compare it with the others."""
-        self._runs.add(one, other)
-        self._by_run[other] = self._held[:, other] = self._seen[:, other] = False
-        self._by_run[one] = self._held[:, one] = self._runs.holds(one)
-        self._seen[:, one] = self._runs.has_seen(one)
-        self._size[other], self._size[one] = 0.0, self._weight[self._by_run[one]].sum()
-        row = self._compare(one)
-        changed = np.isin(self.partner, (one, other))
-        self._iou[one] = self._iou[:, one] = row
-        self._iou[other] = self._iou[:, other] = 0.0
-        changed[[one, other]] = True
-        better = ~changed & ((row > self.largest) | ((row == self.largest) & (one < self.partner)))
-        self.largest[better], self.partner[better] = row[better], one
-        anew = self._iou[changed]
-        self.largest[changed], self.partner[changed] = anew.max(axis=1), anew.argmax(axis=1)
-
-    def _compare(self, one: int) -> Floats:
-        """(R,) IoU of a run with each other run, 0 with itself."""
-        mine = np.flatnonzero(self._by_run[one])
-        share = self._weight[mine]
-        shared = share @ self._held[mine]
-        shared[one] = 0.0
-        near = np.flatnonzero(shared)
-        visible = share @ self._seen[np.ix_(mine, near)]
-        seen = self._by_run[near] @ (self._weight * self._seen[:, one])
-        row = np.zeros(len(shared), np.float32)
-        row[near] = np.nan_to_num(_iou(shared[near], visible, seen, self._size[one], self._size[near]))
-        return row
-
-
-def overlaps(runs: Runs, weight: Floats) -> Floats:
-    """(R, R) IoU of each two runs on what both have seen; NaN where that is too small a part of the smaller run."""
-    held = runs.holds() * weight
-    size = held.sum(1)
-    # [a, b]: weight of what a holds and b has seen.
-    few = sparse.csr_array(held)
-    visible = few @ runs.has_seen().T.astype(np.float32)
-    shared = few @ (held > 0).T.astype(np.float32)
-    return _iou(shared, visible, visible.T, size[:, None], size[None])
-
-
-def _iou(shared: Floats, first: Floats, second: Floats, size: Floats, other: Floats) -> Floats:
-    """``overlaps`` from the weights that both hold, that one holds and the other has seen, and that each holds."""
-    union = first + second - shared
-    iou = np.divide(shared, union, out=np.zeros_like(shared), where=union > 0)
-    return np.where(np.maximum(first, second) < COMMON * np.minimum(size, other), np.nan, iou)

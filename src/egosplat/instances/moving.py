@@ -2,11 +2,12 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.images import evenly_spaced
-from egosplat.instances.lifted_masks import Labels, LiftedMasks
-from egosplat.instances.merging import Runs, overlaps
+from egosplat.instances.lifted_masks import Labels, LiftedMasks, masks_of
+from egosplat.instances.merging import Runs
 from egosplat.instances.options import InstancesOptions
 
 APART_S = 1.0
@@ -66,14 +67,14 @@ def standing_tracks(
     merged. A track with too few pairs that show the same surfaces is not among them. ``time_s`` (T,) is when
     each frame was taken."""
     weight, found = masks.weight, []
-    for one in np.unique(masks.instance):
-        mine = np.flatnonzero(masks.instance == one)
+    for mine in masks_of(masks.instance):
         some = mine[evenly_spaced(len(mine), MOST_MASKS)]
         frame = masks.frame[some]
-        runs = Runs(masks.votes[:, some].toarray().T, masks.seen[frame].toarray(), keys.inside)
+        votes = sparse.csr_array(masks.votes[:, some].T)
+        runs, everyone = Runs(votes, masks.seen[frame], weight, keys.inside), np.arange(len(some))
         apart = np.abs(time_s[frame][:, None] - time_s[frame]) >= APART_S
-        alike = overlaps(runs, weight)[np.triu(apart, 1)]
+        alike = np.stack([runs.overlaps(run, everyone) for run in everyone])[np.triu(apart, 1)]
         alike = alike[~np.isnan(alike)]
         if len(alike) >= LEAST_PAIRS and np.median(alike) >= keys.merge_iou:
-            found.append(one)
+            found.append(masks.instance[mine[0]])
     return np.array(found, np.int64)

@@ -72,10 +72,11 @@ class Scene:
             if not (self.level == level).any() or not (self.level == level + 1).any():
                 continue
             weighted = sparse.csr_array(fine.multiply(self.weight[:, None]))
-            shared = (weighted.T @ coarse).toarray()
+            shared = sparse.csr_array(weighted.T @ coarse)
             size = np.maximum(np.asarray(weighted.sum(axis=0)).ravel(), np.finfo(np.float32).tiny)
-            holds = shared.max(axis=1) >= _MOSTLY * size
-            found[self.level == level] = np.where(holds, shared.argmax(axis=1) + self.first(level + 1), -1)
+            holds = shared.max(axis=1).toarray().ravel() >= _MOSTLY * size
+            owner = first_of_largest(shared) + self.first(level + 1)
+            found[self.level == level] = np.where(holds, owner, -1)
         return found
 
 

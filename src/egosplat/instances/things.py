@@ -1,10 +1,12 @@
 """Things of one level: runs of masks, merged, without masks and things that contradict the others."""
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds
+from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
 from egosplat.instances.merging import COMMON, merge
 from egosplat.instances.options import InstancesOptions
 
@@ -57,16 +59,12 @@ def single_masks(masks: LiftedMasks) -> Ints:
 
 def cut_tracks(masks: LiftedMasks, keys: InstancesOptions) -> Ints:
     """(V,) runs of consecutive masks of a track; a track is cut where two consecutive masks disagree."""
-    run = np.full(len(masks.instance), -1)
-    count = 0
-    for track in np.unique(masks.instance):
-        mine = np.flatnonzero(masks.instance == track)
-        mine = mine[np.argsort(masks.frame[mine], kind="stable")]
-        for place, mask in enumerate(mine):
-            count += place == 0 or not _agree(masks, int(mine[place - 1]), int(mask), keys)
-            run[mask] = count - 1
+    run = np.zeros(len(masks.instance), np.int64)
+    for last, mask in pairwise(np.lexsort((masks.frame, masks.instance)).tolist()):
+        same = masks.instance[last] == masks.instance[mask] and _agree(masks, last, mask, keys)
+        run[mask] = run[last] + (not same)
     # Numbered by first frame, as merging expects.
-    first = np.full(count, len(masks.row))
+    first = np.full(run.max(initial=-1) + 1, len(masks.row))
     np.minimum.at(first, run, masks.frame)
     return np.argsort(np.argsort(first, kind="stable"), kind="stable")[run]
 
@@ -86,8 +84,7 @@ def _agree(masks: LiftedMasks, one: int, other: int, keys: InstancesOptions) -> 
 def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> NDArray[np.bool_]:
     """(V,) masks that overlap their thing too little on what their frame has seen."""
     dropped = np.zeros(len(thing), bool)
-    for name in np.unique(thing):
-        mine = np.flatnonzero(thing == name)
+    for mine in masks_of(thing):
         if len(mine) < _FEW_MASKS:
             continue
         whole = _holds(masks, mine, keys.inside)
@@ -102,14 +99,13 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> N
 
 def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats, keys: InstancesOptions) -> list[int]:
     """Things whose Gaussians belong to things of more masks by more than the share ``claimed``: suppression in 3D."""
-    names, counts = np.unique(thing[thing >= 0], return_counts=True)
     taken = np.zeros(len(weight), bool)
     gone = []
-    for name in names[np.argsort(-counts, kind="stable")]:
-        own = _holds(masks, np.flatnonzero(thing == name), keys.inside)
+    for mine in sorted(masks_of(thing), key=len, reverse=True):
+        own = _holds(masks, mine, keys.inside)
         size = weight[own].sum()
         if size == 0 or weight[own & taken].sum() > _CLAIMED * size:
-            gone.append(int(name))
+            gone.append(int(thing[mine[0]]))
         else:
             taken |= own
     return gone
@@ -132,9 +128,9 @@ def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:
     ones = np.ones(len(voting), np.float32)
     which = sparse.csr_array((ones, (voting, thing[voting])), (len(thing), count))
     shares = sparse.csc_array(masks.votes @ which)
-    for name in range(count):
+    for name, mine in enumerate(masks_of(thing)):
         span = slice(shares.indptr[name], shares.indptr[name + 1])
-        frames = np.unique(masks.frame[thing == name])
+        frames = np.unique(masks.frame[mine])
         seen = masks.seen[frames].sum(0)[shares.indices[span]]
         shares.data[span] *= min(1.0, len(frames) / _SURE_FRAMES) / np.maximum(seen, LEAST_SEEN)
     return sparse.csr_array(shares)

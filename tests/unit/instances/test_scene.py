@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.instances import moving
+from egosplat.instances.merging import Runs
 from egosplat.instances.moving import standing_tracks
 from egosplat.instances.scene import draw_masks, keep_outlines
 from tests.unit.instances.conftest import lifted, options
@@ -66,7 +66,7 @@ def test_a_thing_stands_if_most_pairs_of_its_masks_do(held, seconds, more, expec
 
 
 def test_the_time_does_not_grow_with_the_square_of_the_frames(monkeypatch):
-    counts, compare = [], moving.overlaps
-    counted = lambda runs, *others: counts.append(len(runs.votes)) or compare(runs, *others)
-    monkeypatch.setattr(moving, "overlaps", counted)
-    assert standing([PLACES[0]] * 100, range(100)) == [0] and counts == [24]
+    counts, compare = [], Runs.overlaps
+    counted = lambda runs, one, others: counts.append(len(others)) or compare(runs, one, others)
+    monkeypatch.setattr(Runs, "overlaps", counted)
+    assert standing([PLACES[0]] * 100, range(100)) == [0] and counts == [24] * 24

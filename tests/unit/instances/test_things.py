@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy import sparse
 
-from egosplat.instances.merging import Runs, agglomerate, overlaps
+from egosplat.instances.merging import Runs, agglomerate
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
 from tests.unit.instances.conftest import lifted, options
@@ -75,8 +76,8 @@ def test_a_single_wrong_mask_does_not_displace_what_many_frames_show():
     assert (wrong[:2] == pytest.approx(1 / 3)) and (table[:2] == 1).all()
 
 
-def make_runs(count: int, gaussians: int, seed: int) -> tuple[Runs, np.ndarray]:
-    """Noisy runs of a few things on a line of Gaussians, and the Gaussians' weights."""
+def make_runs(count: int, gaussians: int, seed: int) -> Runs:
+    """Noisy runs of a few things on a line of Gaussians."""
     rng = np.random.default_rng(seed)
     seen = np.where(rng.random((count, gaussians)) < 0.5, 3 * rng.random((count, gaussians)), 0.0)
     votes, centers = np.zeros_like(seen), rng.integers(0, gaussians, max(1, count // 5))
@@ -84,15 +85,18 @@ def make_runs(count: int, gaussians: int, seed: int) -> tuple[Runs, np.ndarray]:
         first = max(0, centers[rng.integers(len(centers))] + rng.integers(-4, 5))
         mine = slice(first, first + rng.integers(15, 30))
         votes[run, mine] = seen[run, mine] * rng.random(seen[run, mine].shape) ** 0.2
-    weight = rng.random(gaussians).astype(np.float32)
-    return Runs(votes.astype(np.float32), seen.astype(np.float32), 0.5), weight
+    return runs_of(votes, seen, rng.random(gaussians))
 
 
-def agglomerate_slowly(runs: Runs, weight: np.ndarray, least: float) -> np.ndarray:
+def runs_of(votes: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> Runs:
+    return Runs(*(sparse.csr_array(each.astype(np.float32)) for each in (votes, seen)), weight, 0.5)
+
+
+def agglomerate_slowly(runs: Runs, least: float) -> np.ndarray:
     """Merge the most alike two, comparing all runs that are left with each other every time."""
-    into, gone = np.arange(len(runs.votes)), np.zeros(len(runs.votes), bool)
+    into, gone = np.arange(len(runs.held)), np.zeros(len(runs.held), bool)
     while True:
-        iou = np.nan_to_num(overlaps(runs, weight))
+        iou = np.nan_to_num([runs.overlaps(run, np.arange(len(into))) for run in range(len(into))])
         np.fill_diagonal(iou, 0.0)
         iou[gone] = iou[:, gone] = 0.0
         one, other = sorted(np.unravel_index(iou.argmax(), iou.shape))
@@ -106,15 +110,14 @@ def agglomerate_slowly(runs: Runs, weight: np.ndarray, least: float) -> np.ndarr
 @pytest.mark.parametrize("count", [1, 2, 40])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_merges_are_those_of_comparing_all_runs_anew(count, merge_iou, seed):
-    expected = agglomerate_slowly(*make_runs(count, 300, seed), merge_iou)
-    found = agglomerate(*make_runs(count, 300, seed), InstancesOptions(merge_iou=merge_iou))
+    expected = agglomerate_slowly(make_runs(count, 300, seed), merge_iou)
+    found = agglomerate(make_runs(count, 300, seed), InstancesOptions(merge_iou=merge_iou))
     np.testing.assert_array_equal(found, expected)
     if count == 40 and merge_iou < 1:
         assert 1 < len(np.unique(found)) < count
 
 
 def test_equal_runs_merge_and_runs_without_a_gaussian_stay_apart():
-    seen = np.ones((4, 6), np.float32)
-    votes = np.array([[1, 1, 0, 0, 0, 0], [0] * 6, [1, 1, 0, 0, 0, 0], [0] * 6], np.float32)
-    found = agglomerate(Runs(votes, seen, 0.5), np.ones(6, np.float32), InstancesOptions())
+    votes = np.array([[1, 1, 0, 0, 0, 0], [0] * 6, [1, 1, 0, 0, 0, 0], [0] * 6])
+    found = agglomerate(runs_of(votes, np.ones((4, 6)), np.ones(6)), InstancesOptions())
     assert found.tolist() == [0, 1, 0, 3]
