@@ -1,8 +1,7 @@
 """Render things into frames as label maps."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -40,27 +39,22 @@ def render_things(
     )
     seen = (meta["radii"][0] > 0).all(dim=-1)
     view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.cpu().numpy()
-    images = partial(composite_sparse, view)
-    return np.stack([_strongest(held[rows], images, size, seen.device) for held in beliefs])
-
-
-def _strongest(
-    beliefs: sparse.csr_array,
-    image: Callable[[sparse.csr_array], Tensor],
-    size: tuple[int, int],
-    device: torch.device,
-) -> NDArray[np.int32]:
-    """(H, W) strongest thing of one level, from (n, K) beliefs of the Gaussians that a frame shows and their rendering."""
-    best = torch.full(size, LEAST_BELIEF, device=device)
-    labels = torch.full(size, -1, dtype=torch.int32, device=device)
-    near = _near(beliefs)
+    # In one pass: the weights of a pixel are found once for all levels.
+    held = sparse.hstack([each[rows] for each in beliefs], format="csr")
+    counts = [each.shape[1] for each in beliefs]
+    level = np.repeat(np.arange(len(counts)), counts)
+    number = np.concatenate([np.arange(count) for count in counts])
+    best = torch.full((len(beliefs), *size), LEAST_BELIEF, device=seen.device)
+    labels = torch.full(best.shape, -1, dtype=torch.int32, device=seen.device)
+    near = _near(held)
     for first in range(0, len(near), _AT_ONCE):
         things = near[first : first + _AT_ONCE]
-        images = image(beliefs[:, things])
-        for place, cells, pixels in _boxes(images > LEAST_BELIEF, size):
-            small, so_far = images[place, *cells], best[pixels]
+        images = composite_sparse(view, held[:, things])
+        for place, cells, pixels in _boxes(images, size):
+            where = level[things[place]], *pixels
+            small, so_far = images[place, *cells], best[where]
             enlarged = F.interpolate(small[None, None], so_far.shape, mode="bilinear")[0, 0]
-            labels[pixels].masked_fill_(enlarged > so_far, int(things[place]))
+            labels[where].masked_fill_(enlarged > so_far, int(number[things[place]]))
             torch.maximum(so_far, enlarged, out=so_far)
     return labels.cpu().numpy()
 
@@ -73,22 +67,25 @@ def _near(beliefs: sparse.csr_array) -> NDArray[np.intp]:
     return np.flatnonzero(beliefs.max(axis=0).toarray().ravel() > 0.999 * LEAST_BELIEF)
 
 
-def _boxes(shown: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Box]]:
-    """Each thing that (K, h, w) bool images show: its place, the box of cells around it, and that box in
-    ``size`` pixels. A thing covers little of a frame, and enlarging whole images would take most of the
-    time."""
-    rows, columns = shown.any(dim=2).cpu().numpy(), shown.any(dim=1).cpu().numpy()
-    for place in np.flatnonzero(rows.any(axis=1)).tolist():
-        spans = zip((rows[place], columns[place]), size, strict=True)
-        cells, pixels = zip(*(_span(*span) for span in spans), strict=True)
-        yield place, cells, pixels
+def _boxes(images: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Box]]:
+    """Each thing that (K, h, w) images show: its place, the box of cells around it, and that box in ``size``
+    pixels. A thing covers little of a frame, and enlarging whole images would take most of the time."""
+    shown = [(images.amax(dim=across) > LEAST_BELIEF).cpu().numpy() for across in (2, 1)]
+    cells, pixels = zip(*map(_spans, shown, size), strict=True)
+    for place in np.flatnonzero(shown[0].any(axis=1)).tolist():
+        yield place, (cells[0][place], cells[1][place]), (pixels[0][place], pixels[1][place])
 
 
-def _span(shown: NDArray[np.bool_], length: int) -> tuple[slice, slice]:
-    """The cells from the first to the last of (n,) that is shown, and their pixels where n cells are ``length`` pixels."""
+def _spans(shown: NDArray[np.bool_], length: int) -> tuple[list[slice], list[slice]]:
+    """The cells from the first to the last that is shown, of each of (K, n), and their pixels where n cells are
+    ``length`` pixels."""
     # A cell more on each side takes part in the interpolation, and a cell's border is a pixel's at both ends.
-    parts = math.gcd(len(shown), length)
-    step, pixels = len(shown) // parts, length // parts
-    first, last = np.flatnonzero(shown)[[0, -1]].tolist()
-    start, end = max(first - 1, 0) // step, -(-min(last + 2, len(shown)) // step)
-    return slice(start * step, end * step), slice(start * pixels, end * pixels)
+    count = shown.shape[1]
+    parts = math.gcd(count, length)
+    step = count // parts
+    start = np.maximum(shown.argmax(axis=1) - 1, 0) // step
+    end = -(-np.minimum(count + 1 - shown[:, ::-1].argmax(axis=1), count) // step)
+    slices = lambda unit: [
+        slice(*span) for span in zip((start * unit).tolist(), (end * unit).tolist(), strict=True)
+    ]
+    return slices(step), slices(length // parts)
