@@ -57,13 +57,13 @@ class Runs:
         return _dense((gaussian, self._weight[gaussian]), len(self._weight))
 
     def add(self, into: int, other: int) -> None:
-        """Add one run to another, in place."""
+        """Move what one run holds to another, in place."""
         for rows in (self._votes, self._seen):
             total = _dense(rows[into], len(self._weight))
             total[rows[other][0]] += rows[other][1]
             gaussian = np.flatnonzero(total).astype(np.int32)
             rows[into] = gaussian, total[gaussian]
-        self.held[into] = self._holds(into)
+        self.held[into], self.held[other] = self._holds(into), self.held[other][:0]
         self._size[into] = self._weight[self.held[into]].sum()
 
     def overlaps(self, one: int, others: Ints) -> Floats:

@@ -85,25 +85,20 @@ def make_runs(count: int, gaussians: int, seed: int) -> Runs:
         first = max(0, centers[rng.integers(len(centers))] + rng.integers(-4, 5))
         mine = slice(first, first + rng.integers(15, 30))
         votes[run, mine] = seen[run, mine] * rng.random(seen[run, mine].shape) ** 0.2
-    return runs_of(votes, seen, rng.random(gaussians))
-
-
-def runs_of(votes: np.ndarray, seen: np.ndarray, weight: np.ndarray) -> Runs:
-    return Runs(*(sparse.csr_array(each.astype(np.float32)) for each in (votes, seen)), weight, 0.5)
+    return Runs(sparse.csr_array(votes), sparse.csr_array(seen), rng.random(gaussians), 0.5)
 
 
 def agglomerate_slowly(runs: Runs, least: float) -> np.ndarray:
     """Merge the most alike two, comparing all runs that are left with each other every time."""
-    into, gone = np.arange(len(runs.held)), np.zeros(len(runs.held), bool)
+    into = np.arange(len(runs.held))
     while True:
         iou = np.nan_to_num([runs.overlaps(run, np.arange(len(into))) for run in range(len(into))])
         np.fill_diagonal(iou, 0.0)
-        iou[gone] = iou[:, gone] = 0.0
         one, other = sorted(np.unravel_index(iou.argmax(), iou.shape))
         if iou[one, other] < least:
             return into
         runs.add(one, other)
-        into[into == other], gone[other] = one, True
+        into[into == other] = one
 
 
 @pytest.mark.parametrize("merge_iou", [0.1, 0.4, 1.0])
@@ -118,6 +113,6 @@ def test_merges_are_those_of_comparing_all_runs_anew(count, merge_iou, seed):
 
 
 def test_equal_runs_merge_and_runs_without_a_gaussian_stay_apart():
-    votes = np.array([[1, 1, 0, 0, 0, 0], [0] * 6, [1, 1, 0, 0, 0, 0], [0] * 6])
-    found = agglomerate(runs_of(votes, np.ones((4, 6)), np.ones(6)), InstancesOptions())
-    assert found.tolist() == [0, 1, 0, 3]
+    votes = sparse.csr_array([[1.0, 1, 0, 0, 0, 0], [0] * 6, [1, 1, 0, 0, 0, 0], [0] * 6])
+    runs = Runs(votes, sparse.csr_array(np.ones((4, 6))), np.ones(6), 0.5)
+    assert agglomerate(runs, InstancesOptions()).tolist() == [0, 1, 0, 3]
