@@ -7,6 +7,7 @@ import torch
 from egosplat.alarms.artifact_alarms import alarms_of
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import POSES
+from egosplat.gaussians.render import RenderSettings
 from egosplat.instances import geometry
 from egosplat.instances.lifted_masks import lift_masks
 from egosplat.instances.rendering import render_things
@@ -96,7 +97,7 @@ def test_gaussians_that_are_not_finite(measured, name, value):
     some, labels = blobs(means, [0.73] * 400, size=0.08), np.zeros((1, SIZE, SIZE), np.int32)
     getattr(some, name)[::2] = value
     labels[:, :, SIZE // 2 :] = 1
-    settings = geometry._settings(options())
+    settings = RenderSettings(options().near_plane, "black", "cpu")
     place = np.zeros(1, np.int64), np.eye(4)[None], CAMERA, settings
     fewer = some.select(torch.arange(400) % 2 == 1)
     found, expected = (
