@@ -1,6 +1,7 @@
 """Compute the alarms of artifacts, and tell them as lines of text."""
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from decimal import Decimal
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 
 from egosplat.alarms.statistics import MEASURES, Figures
 from egosplat.alarms.table import CAUSES, TABLE, Alarm, AlarmRow
+from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
@@ -57,12 +59,13 @@ def find_chance_alarm(score: Mapping[str, Any]) -> list[Alarm]:
 
 def _causes(row: AlarmRow, artifact: Artifact) -> str:
     """The keys that may have caused an alarm, with their values, if these are not the defaults."""
-    given = artifact.provenance["options"]
-    return ", ".join(
-        f"{section}.{name} {given[name]}"
-        for section, name in (cause.split(".") for cause in row.causes)
-        if name in given and given[name] != section_keys(section)[name]["default"]
-    )
+    made_from = lineage([artifact]).found if row.causes else {}
+    told = []
+    for section, name in (cause.split(".") for cause in row.causes):
+        given = made_from.get(f"{section}.zarr", artifact).provenance["options"]
+        if name in given and given[name] != section_keys(section)[name]["default"]:
+            told.append(f"{section}.{name} {given[name]}")
+    return ", ".join(told)
 
 
 class _Beyond(float):
@@ -97,7 +100,8 @@ def alarm_line(alarm: Alarm) -> str:
     """The alarm in one line: key, what was found, the normal range, what may have caused it, and what to do."""
     causes = f"Made with {alarm.figures[CAUSES]}. " if CAUSES in alarm.figures else ""
     row = TABLE[alarm.key]
-    return f"{alarm.key}: {found_text(alarm)} (normal: {row.normal}). {causes}{row.advice}"
+    advice = re.sub(r"\[(.*)\]", r"\1" if causes else "", row.advice)
+    return f"{alarm.key}: {found_text(alarm)} (normal: {row.normal}). {causes}{advice}"
 
 
 def warning_lines(notice: str | None, alarms: Iterable[Alarm]) -> list[str]:

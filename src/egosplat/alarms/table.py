@@ -27,7 +27,7 @@ class AlarmRow:
         limit: the end of the normal range; None if it is not a constant: then any figures are an alarm.
         normal: the normal range in words, "up to" the limit where it lies below; in the file a format of the limit.
         sentence: a format of the figures.
-        advice: what to do.
+        advice: what to do; in brackets what undoes the causes, said if there are any.
         causes: keys with which a preset or the user traded quality for time, and which may have caused it.
     """
 

@@ -53,9 +53,10 @@ def split_frames(
         raise UserError(f"frames.evaluation_frames: {evaluation}, but {len(labeled)} are labeled; set auto.")
     remaining = count - evaluation if options.holdout else count
     if evaluation > count or remaining < _MIN_TRAINING_FRAMES:
+        lower = ", or lower frames.stride" if options.stride > 1 else ""
         raise UserError(
             f"frames.evaluation_frames: {evaluation} evaluation frames of {count} leave {max(remaining, 0)} for "
-            f"training, which needs {_MIN_TRAINING_FRAMES}. Set a smaller number, or lower frames.stride."
+            f"training, which needs {_MIN_TRAINING_FRAMES}. Set a smaller number{lower}."
         )
     is_evaluation = np.zeros(count, dtype=bool)
     # The middle of part i of count candidates is count (i + 1/2) / evaluation; integer arithmetic keeps it exact.

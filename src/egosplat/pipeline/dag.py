@@ -95,7 +95,8 @@ def optional_inputs_of(stage: str, config: Config) -> tuple[str, ...]:
     """Get the optional inputs of a stage that a configuration needs."""
     views = ("survey",) if leaves_frames_out(config) else ()
     if stage == "segments":  # the same for every splats.masking, so that variants share the segments
-        return (*views, "transient") if tracks_what_moves(config) else views
+        moving = ("transient",) if tracks_what_moves(config) else ()
+        return (("poses",) if segments_single_frames(config) else ()) + views + moving
     if stage == "splats" and config["splats"]["source"]:
         return ()
     given = ("splats",) if stage == "instances" and merges_on_splats(config) else ()

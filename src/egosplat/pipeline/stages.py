@@ -21,6 +21,7 @@ PATHS = {"recording": "the recording's folder or video file"}
 
 # When a stage reads what is no input of it in all configurations.
 _WHEN = {
+    "poses": "to prompt only frames with a pose, if segments.prompting is each_frame",
     "survey": "to train only on frames that add views",
     "transient": "if splats.masking is initial, or segments tracks what moves",
     "masks": "if splats.masking is refined",

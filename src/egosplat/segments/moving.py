@@ -28,14 +28,14 @@ def track_moving(
     """Track what moves: merge duplicates, and drop tracks that are short or do not move after all. The
     transient network also calls some static pixels moving, and SAM2's tracks slip to what is behind. So a
     track ends in frames in which its mean probability is low, and it takes more to keep a track than to start
-    one: its mean probability over all its pixels in the ``training`` frames, of which every
-    ``key_frame_stride``-th is prompted. ``probability``: returns the (H, W) probability in 0..1 that a
+    one: its mean probability over all its pixels in the ``training`` frames, of which the key
+    frames are prompted. ``probability``: returns the (H, W) probability in 0..1 that a
     frame's pixels move; not finite counts as 0."""
 
     def moves(frame: int) -> NDArray[np.float32]:
         return np.where(video.shown(frame), probability(frame).astype(np.float32), np.float32(0))
 
-    prompted = training[:: options.key_frame_stride].tolist()
+    prompted = options.key_frames(training).tolist()
     found = Tracker(sam2, video, options, moves, prompted).run(checkpoint)
     table, kept, _ = finalize_instances(found, options.min_frames)
     scores = InstanceScores(len(kept))

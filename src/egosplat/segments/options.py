@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from egosplat.pipeline.options import READING, Count, Share
@@ -16,6 +18,9 @@ from egosplat.pipeline.shared_options import (
 
 # The levels in the order of SAM2's three masks for one point (docs/method.md#levels).
 LEVELS = ("subpart", "part", "whole")
+
+# Of 25 photographs every eighth is four, which show hardly a thing twice.
+_MIN_KEY_FRAMES = 16
 
 
 @dataclass(frozen=True)
@@ -70,12 +75,12 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
 
     prompting: Literal["initial_frame", "each_frame"] = "each_frame"
     """Frames that are prompted (docs/method.md#prompting). initial_frame: only the first, as the paper's text says; a
-    head-mounted camera soon leaves that view. each_frame: every key_frame_stride-th training frame by itself, without
-    tracking; the stage instances merges its masks."""
+    head-mounted camera soon leaves that view. each_frame: key frames by themselves, without tracking; the stage
+    instances merges their masks."""
 
     key_frame_stride: Count = 4
-    """Number of training frames between two that are segmented where prompting is each_frame. Smaller finds more and
-    is slower."""
+    """Segment every N-th training frame that has a pose, where prompting is each_frame; more of them, at most all, if
+    these are fewer than 16. Smaller finds more and is slower."""
 
     track_moving: Literal["auto", "never", "always"] = "auto"
     """Whether people, hands and carried things are tracked in 2D where prompting is each_frame: masks whose mean
@@ -94,6 +99,10 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     lost_track_stride: Annotated[Count, READING] = 3
     """Search for a lost instance only every N frames once it has been missing for N frames. 1 searches in every
     frame and is slower the more instances are out of view."""
+
+    def key_frames(self, training: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Those of (N,) training frames that are segmented by themselves."""
+        return training[:: max(1, min(self.key_frame_stride, len(training) // _MIN_KEY_FRAMES))]
 
     @property
     def mask_filter(self) -> MaskFilter:

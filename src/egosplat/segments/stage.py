@@ -12,7 +12,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint, Work, lie_within
 from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact, open_needed
-from egosplat.artifacts.schemas import FRAMES, SEGMENTS, TRANSIENT, shown_pixels
+from egosplat.artifacts.schemas import FRAMES, POSES, SEGMENTS, TRANSIENT, shown_pixels
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.models.checkpoints import SAM2, model_hash
@@ -27,6 +27,7 @@ def run(
     output: Path,
     options: SegmentsOptions,
     *,
+    poses_path: Path | None = None,
     survey_path: Path | None = None,
     transient_path: Path | None = None,
     chunk: int | None = None,
@@ -34,7 +35,8 @@ def run(
 ) -> None:
     """Write the segments artifact of ``frames``. A killed run with SAM2 resumes, with the same result.
     UserError: the model cannot be loaded, the survey or transient.zarr is missing or of other frames, no
-    instance is found, or there are chunks of a video that is tracked. ``survey_path``: frames that the survey
+    instance is found, or there are chunks of a video that is tracked. ``poses_path``: only frames with a pose
+    are prompted, if the prompting is ``each_frame``; None prompts any. ``survey_path``: frames that the survey
     drops are skipped; all their labels are -1. ``transient_path``: where things move, if the prompting is
     ``each_frame``; None to track nothing. A chunk needs none. ``chunk``, ``gather``: as in ``Work``, if the
     prompting is ``each_frame``."""
@@ -47,6 +49,11 @@ def run(
     used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
     models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
     transient = None if chunk else _open_transient(transient_path, frames, options)
+    made_from, useful = [frames], frames.read("train")
+    if poses_path and options.single_frames:
+        made_from.append(open_artifact(poses_path, POSES))
+        check_made_from(made_from[1], frames, axes=("frame",))
+        useful &= made_from[1].read("registered")
     rows, valid = np.flatnonzero(kept), frames.read("valid")
     video = Video(
         len(rows),
@@ -54,14 +61,14 @@ def run(
         lambda place: shown_pixels(frames, int(rows[place]), valid),
     )
     about = "segments", options.as_dict() | by_survey
-    made = provenance.begin_from(*about, [frames, *([transient] if transient else [])], models)
+    made = provenance.begin_from(*about, [*made_from, *([transient] if transient else [])], models)
     # Masks of single frames do not depend on what moves.
-    work = Work(output, provenance.begin_from(*about, [frames], models), len(kept), chunk, gather)
+    work = Work(output, provenance.begin_from(*about, made_from, models), len(kept), chunk, gather)
     if options.segmenter == "classical":
         segmented = segment_video(video)
     else:
         tracks = Checkpoint(output, provenance.key_of(made), part="tracks")
-        training = np.flatnonzero(frames.read("train")[rows])
+        training = np.flatnonzero(useful[rows])
         segmented = _segment_with_sam2(video, rows, training, transient, options, work, tracks)
     if segmented is None:
         return
@@ -113,7 +120,7 @@ def _segment_with_sam2(
     sam2 = load_sam2(*model, None if options.single_frames else options.image_size)
     if not options.single_frames:
         return Tracker(sam2, video, options).run(tracks)
-    frames = training[:: options.key_frame_stride]
+    frames = options.key_frames(training)
     found = work.results(
         lambda chunks: frames[lie_within(rows[frames], chunks)].tolist(),
         lambda few: (segment_frame(sam2, video, frame, options) for frame in few),

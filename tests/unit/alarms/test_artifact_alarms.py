@@ -98,6 +98,16 @@ def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tm
     assert len(others) == 3 and all(line.startswith("alarm: segments.") for line in others)
 
 
+@pytest.mark.parametrize("stride", [1, 5])
+def test_a_smaller_stride_is_advised_where_there_is_one(tmp_path, stride):
+    put(tmp_path, "frames", {"train": np.ones(10, bool)}, options={"stride": stride})
+    arrays = {"registered": np.arange(10) < 8}
+    (alarm,) = alarms_of(written(tmp_path, "poses", arrays, {}, made_from=["frames"]))
+    line = alarm_line(alarm)
+    assert ("reduce frames.stride" in line) == ("Made with frames.stride 5" in line) == (stride == 5)
+    assert "[" not in line and line.endswith("frames" if stride == 1 else "frames.stride")
+
+
 def test_models_of_colmap_are_named_with_their_frames(tmp_path):
     notes = {"models": [40, 7]}
     (alarm,) = alarms_of(written(tmp_path, "poses", {"registered": np.ones(47, bool)}, {"notes": notes}))

@@ -24,7 +24,15 @@ from tests.unit.segments.conftest import FRAMES, HEIGHT, OPTIONS, VALID, WIDTH, 
 OPTIONS = OPTIONS.change(key_frame_stride=2, max_instances=3, lost_track_stride=2)
 TRAINING = np.array([0, 1, 3, 4])
 PROMPTED = [0, 3]
-pytestmark = pytest.mark.usefixtures("all_masks")
+pytestmark = pytest.mark.usefixtures("all_masks", "few_key_frames")
+
+
+@pytest.fixture(scope="module")
+def few_key_frames():
+    """Key frames follow the stride in a video of a few frames, too."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("egosplat.segments.options._MIN_KEY_FRAMES", 1)
+        yield
 
 
 def probability(*frames: int) -> np.ndarray:
@@ -204,6 +212,15 @@ def test_the_square_that_moves_is_tracked_and_the_still_one_is_not(scene, tmp_pa
     assert 0 < moving.sum() < len(moving) and segments.facts["moving"] == moving.sum()
     assert {"frames.zarr", "transient.zarr"} == set(segments.provenance["inputs"])
     assert segments.facts["key_frames"] == [0] and "frames_per_instance" not in segments.facts
+
+
+def test_a_frame_without_a_pose_is_no_key_frame(scene, tmp_path):
+    registered = np.arange(4) % 2 == 1
+    poses = put(tmp_path, "poses", {"registered": registered}, made_from=["frames"])
+    keys = {"key_frame_stride": 2, "points_per_side": 4, "crops_per_side": 1, "track_moving": "never"}
+    stage.run(scene[0], tmp_path / "segments.zarr", SegmentsOptions(**keys), poses_path=poses)
+    segments = open_artifact(tmp_path / "segments.zarr", SEGMENTS)
+    assert segments.facts["key_frames"] == [1] and "poses.zarr" in segments.provenance["inputs"]
 
 
 def test_jobs_of_chunks_give_the_same_artifact(scene, tmp_path, monkeypatch):

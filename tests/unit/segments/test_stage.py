@@ -112,3 +112,9 @@ def test_a_missing_checkpoint_is_reported_before_anything_is_read(frames, tmp_pa
     options = SegmentsOptions(sam2_checkpoint=str(tmp_path / "none.pt"))
     with pytest.raises(UserError, match="sam2_checkpoint"):
         stage.run(frames, tmp_path / "segments.zarr", options=options)
+
+
+@pytest.mark.parametrize(("count", "stride", "step"), [(25, 8, 1), (33, 4, 2), (64, 4, 4), (0, 4, 1)])
+def test_key_frames_are_sixteen_or_all_of_a_short_recording(count, stride, step):
+    found = SegmentsOptions(key_frame_stride=stride).key_frames(np.arange(count))
+    assert found.tolist() == list(range(0, count, step))
