@@ -1,10 +1,10 @@
-"""Estimate poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU. The
+"""Estimate poses by structure from motion: COLMAP's global mapping through pycolmap, on the CPU. The
 same images, options and seed give the same poses on one machine, with any number of threads: images get their
 ids before features are extracted in parallel, RANSAC is seeded, and mapping runs on one thread. With more
 threads, bundle adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000
 observations: 19 s against 18 s)."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.joining import choose_model, registered_images
-from egosplat.calibration.colmap.mapping import OVERLAP, reconstruct
+from egosplat.calibration.colmap.mapping import reconstruct
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import (
@@ -31,22 +31,20 @@ def colmap_poses(
     camera_known: bool,
     options: PosesOptions,
     *,
-    overlap: int = OVERLAP,
     threads: int | None = None,
     shown: Iterable[NDArray[np.bool_]] | None = None,
+    frame_keys: Mapping[str, Any] | None = None,
 ) -> Poses:
     """Estimate the poses of upright images of one camera, in order of time, in COLMAP's frame and scale.
     Arguments are as of ``mapping.reconstruct``; a known ``camera`` is kept, the focal lengths of a guess are
-    refined. Frames outside of the largest model, and of those that share frames with it, have no pose. Points
+    refined. ``frame_keys``: of ``choose_model``. Frames outside of the largest model have no pose. Points
     are seen in ``MIN_TRACK_LENGTH`` images or more, with a mean error up to ``MAX_REPROJECTION_ERROR_PX``.
     UserError as for ``reconstruct``, without parallax, or with too few registered images."""
     params = [camera.fx, camera.fy, camera.cx, camera.cy]
     entered = pycolmap.Camera(model="PINHOLE", width=camera.width, height=camera.height, params=params)
     entered.has_prior_focal_length = camera_known
-    models, notes = reconstruct(
-        "egosplat-colmap-", images, valid, shown, entered, options.matching, overlap, threads
-    )
-    model = choose_model(models, notes, camera_known, options.min_registered)
+    models, notes = reconstruct("egosplat-colmap-", images, valid, shown, entered, options.matching, threads)
+    model = choose_model(models, notes, options.min_registered, frame_keys or {})
     camera_to_world = np.full((notes["frames"], 4, 4), np.nan)
     for frame, image in registered_images(model):
         matrix = image.cam_from_world().matrix()

@@ -19,7 +19,7 @@ class PosesOptions(Options):
 
     matching: Literal["auto", "exhaustive", "sequential"] = "auto"
     """Frame pairs that COLMAP matches. exhaustive: all pairs, most accurate, time grows with the square of the
-    number of frames. sequential: neighbors in time. auto: exhaustive up to 80 frames."""
+    number of frames. sequential: neighbors in time. auto: exhaustive up to 30 frames."""
 
     min_registered: Share = 0.5
     """Smallest fraction of frames that COLMAP must register, or that known poses must cover. Below it the stage

@@ -60,4 +60,5 @@ def _find_poses(source: str, recording: Path, frames: Artifact, options: PosesOp
     count, valid = frames.shape("rgb")[0], frames.read("valid")
     shown = (shown_pixels(frames, index, valid) for index in range(count)) if frames.has("masked") else None
     images = (frames.row("rgb", index) for index in range(count))
-    return module.colmap_poses(images, valid, camera, facts["camera_known"], options, shown=shown)
+    about = {"shown": shown, "frame_keys": frames.provenance["options"]}
+    return module.colmap_poses(images, valid, camera, facts["camera_known"], options, **about)

@@ -15,11 +15,14 @@ from egosplat.progress import track
 
 Item = TypeVar("Item")
 
+# Of an image; matching takes time with the square of their number.
+_MAX_FEATURES = 4000
+
 # An image with fewer features has too little texture to be registered.
 MIN_FEATURES, MIN_IMAGES = 50, 3
 
 _IMAGES_PER_BATCH = 8
-# More than a batch writes: 8 images of 8,192 features of 152 bytes, or 100 pairs of 8,192 matches of 16 bytes, twice
+# More than a batch writes: 8 images of 4,000 features of 152 bytes, or 100 pairs of 4,000 matches of 16 bytes, twice
 # in SQLite.
 _MIN_FREE_BYTES = 2**25
 
@@ -95,6 +98,7 @@ class Project:
         """Extract SIFT features: (F,) int64 number of them in each image. UserError if too few images have enough."""
         # The images are in the database already, so their ids do not depend on the order of the threads.
         options = pycolmap.FeatureExtractionOptions(num_threads=threads)
+        options.sift.max_num_features = _MAX_FEATURES
         single, cpu = pycolmap.CameraMode.SINGLE, pycolmap.Device.cpu
         for names in self.in_batches(self.names, _IMAGES_PER_BATCH, "COLMAP: extracting features", "image"):
             pycolmap.extract_features(

@@ -2,30 +2,32 @@
 
 import itertools
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pycolmap
+from numpy.typing import NDArray
+from scipy.cluster.vq import kmeans2, vq
 
 from egosplat.calibration.colmap.database import Project
 from egosplat.progress import log
 
+# Images later that each is compared with, beside those 1, 2, 4, 8, ... later and those that look alike.
+OVERLAP = 12
+
 # Names of two images.
 Pair = tuple[str, str]
 
-# ``auto`` compares every pair of up to this many images (3,160 pairs).
-EXHAUSTIVE_UP_TO = 80
+# ``auto`` compares every pair of up to this many images (435 pairs).
+EXHAUSTIVE_UP_TO = 30
 
 _PAIRS_PER_BATCH = 100
-# For every 5th image COLMAP looks up the 5 most similar ones.
-_LOOP_PERIOD = _LOOP_IMAGES = 5
-# Descriptors per visual word that clustering needs.
-_DESCRIPTORS_PER_WORD = 40
-_MAX_DESCRIPTORS, _MAX_WORDS = 200_000, 4096
+# Images that each is compared with because they look alike; centers of descriptors, and of how many.
+_ALIKE, _CENTERS, _SAMPLE = 5, 64, 20_000
+_TINY = 1e-6
 
 
-def match_images(project: Project, matching: str, overlap: int, seed: int, threads: int) -> dict[str, Any]:
+def match_images(project: Project, matching: str, seed: int, threads: int) -> dict[str, Any]:
     """Match features between images and verify the matches geometrically, by the same result for any number of threads.
 
     ``auto`` is ``exhaustive`` (every pair) for up to ``EXHAUSTIVE_UP_TO`` images, else ``sequential``. Returns the one that was used, and
@@ -35,7 +37,7 @@ def match_images(project: Project, matching: str, overlap: int, seed: int, threa
     if matching == "auto":
         matching = "exhaustive" if len(project.names) <= EXHAUSTIVE_UP_TO else "sequential"
     every = [*itertools.combinations(project.names, 2)]
-    pairs = every if matching == "exhaustive" else sequential_pairs(project, overlap, seed)
+    pairs = every if matching == "exhaustive" else sequential_pairs(project, OVERLAP, seed)
     options = pycolmap.FeatureMatchingOptions(num_threads=threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
@@ -56,57 +58,44 @@ def match_images(project: Project, matching: str, overlap: int, seed: int, threa
 
 
 def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
-    """Pairs near in time, and pairs of similar images further apart, which close loops.
+    """Pairs near in time, and pairs of images further apart that look alike, which close loops.
 
-    Each image is paired with ``overlap`` next ones, and with those 2, 4, ..., 2^(overlap - 1) later. ``seed`` is of the choice of
-    descriptors; clustering takes COLMAP's.
+    Each image is paired with ``overlap`` next ones, with those 2, 4, ..., 2^(overlap - 1) later, and with the ``_ALIKE``
+    that look most like it. ``seed`` is of the choice of descriptors.
     """
-    names = project.names
+    names, looks = project.names, _looks(project, seed)
     offsets = {*range(1, overlap + 1), *(2**power for power in range(overlap))}
-    near = sorted(pair for offset in offsets for pair in zip(names, names[offset:], strict=False))
-    # COLMAP's vocabulary of visual words is a download; this one is clustered from the recording's descriptors.
-    vocabulary = project.folder / "vocabulary.bin"
-    with pycolmap.Database.open(project.database) as database:
-        _write_vocabulary(vocabulary, database, seed)
-        if not vocabulary.exists():
-            log("COLMAP: too few features for a vocabulary; loops are not closed")
-            return near
-        loops = pycolmap.SequentialPairingOptions(
-            overlap=1,
-            quadratic_overlap=False,
-            num_threads=1,
-            loop_detection=True,
-            loop_detection_period=_LOOP_PERIOD,
-            loop_detection_num_images=_LOOP_IMAGES,
-            loop_detection_min_index_distance=overlap + 1,
-            vocab_tree_path=vocabulary,
-        )
-        similar = pycolmap.SequentialPairGenerator(loops, database).all_pairs()
-        name_of = {image.image_id: image.name for image in database.read_all_images()}
-    # The generator also pairs images with themselves, and with the next.
-    closing = {tuple(sorted((name_of[first], name_of[second]))) for first, second in similar} - {*near}
-    found = sorted((first, second) for first, second in closing if first != second)
-    log(f"COLMAP: {len(near)} pairs near in time, {len(found)} more of similar images")
-    return near + found
+    near = {pair for offset in offsets for pair in zip(names, names[offset:], strict=False)}
+    alike = set()
+    for number, likeness in enumerate(looks @ looks.T):
+        likeness[max(0, number - overlap) : number + overlap + 1] = -np.inf
+        best = [other for other in np.argsort(-likeness, kind="stable")[:_ALIKE] if likeness[other] > -np.inf]
+        alike |= {(names[min(number, other)], names[max(number, other)]) for other in best}
+    log(f"COLMAP: {len(near)} pairs near in time, {len(alike - near)} more of images that look alike")
+    return sorted(near | alike)
 
 
-def _write_vocabulary(path: Path, database: pycolmap.Database, seed: int) -> None:
-    """Cluster descriptors of all images into visual words, unless there are too few for a vocabulary."""
-    images = sorted(database.read_all_images(), key=lambda image: image.name)
-    per_image = math.ceil(_MAX_DESCRIPTORS / len(images))
+def _looks(project: Project, seed: int) -> NDArray[np.float32]:
+    """(F, D) float32 vectors, whose products are large for images that look alike.
+
+    Around centers of all descriptors, they add up where an image's own lie (VLAD; Jegou et al. 2010).
+    """
     rng = np.random.default_rng(seed)
-    sampled = []
-    for image in images:
-        descriptors = np.asarray(database.read_descriptors(image.image_id).to_float().data)
-        sampled.append(descriptors[np.sort(rng.permutation(len(descriptors))[:per_image])])
-    data = np.concatenate(sampled)
-    words = min(_MAX_WORDS, len(data) // _DESCRIPTORS_PER_WORD)
-    if words < 2:
-        return
-    log(f"COLMAP: clustering {len(data)} descriptors into {words} visual words")
-    options = pycolmap.VisualIndex.BuildOptions(
-        num_visual_words=words, num_iterations=20, num_rounds=1, num_threads=1
-    )
-    index = pycolmap.VisualIndex.create(data.shape[1], data.shape[1] // 2)
-    index.build(options, pycolmap.FeatureDescriptorsFloat(pycolmap.FeatureExtractorType.SIFT, data))
-    index.write(path)
+    with pycolmap.Database.open(project.database) as database:
+        images = sorted(database.read_all_images(), key=lambda image: image.name)
+
+        def read(image: pycolmap.Image) -> NDArray[np.float32]:
+            return np.asarray(database.read_descriptors(image.image_id).data, np.float32)
+
+        per_image = math.ceil(_SAMPLE / len(images))
+        sample = np.concatenate([rng.permutation(read(image))[:per_image] for image in images])
+        centers, _ = kmeans2(sample, _CENTERS, minit="points", rng=rng)
+        looks = np.zeros((len(images), *centers.shape), np.float32)
+        for look, image in zip(looks, images, strict=True):
+            descriptors = read(image)
+            nearest, _ = vq(descriptors, centers)
+            np.add.at(look, nearest, descriptors - centers[nearest])
+    # Each center counts alike, however many features an image has there; without features an image looks like none.
+    for axis in (-1, (-2, -1)):
+        looks /= np.maximum(np.linalg.norm(looks, axis=axis, keepdims=True), _TINY)
+    return looks.reshape(len(images), -1)
