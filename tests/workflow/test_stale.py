@@ -25,9 +25,9 @@ AFTER_FEATURES = {"features", "crops_sheet", *AFTER_LANGUAGE}
 AFTER_VIEWS = {"view_features", *AFTER_FEATURES}
 AFTER_INSTANCES = {"instances", "instances_sheet", *AFTER_MASKS, *AFTER_VIEWS}
 AFTER_SEGMENTS = {"segments", *AFTER_INSTANCES}
-AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT, *AFTER_SEGMENTS}
+AFTER_POSES = {"poses", "contact_sheet", *AFTER_TRANSIENT, *AFTER_INSTANCES}
 AFTER_GAUSSIANS = {*AFTER_TRANSIENT, *AFTER_INSTANCES}
-AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES}
+AFTER_FRAMES = {"frames", "annotations", *AFTER_POSES, *AFTER_SEGMENTS}
 
 
 def test_a_finished_run_has_nothing_to_do(workdir):
