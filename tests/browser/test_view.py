@@ -61,7 +61,7 @@ def test_nothing_of_the_last_answer_stays_while_the_next_is_awaited(page_scene, 
     page.wait_for_function(READY)
     let.set()
     page.evaluate(ASK, "cup")
-    shown = [page.locator(name) for name in ("#things button", "#mark", "#heat")]
+    shown = [page.locator(name) for name in ("#things button", "#mark span", "#heat")]
     assert [one.wait_for() for one in shown] and not let.clear()
     page.fill("#words", "where is my couch?")
     page.press("#words", "Enter")
