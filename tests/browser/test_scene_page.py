@@ -416,5 +416,5 @@ def test_a_thinned_scene_without_a_text_tower_says_so(tmp_path, scene, monkeypat
     about = page.inner_text("#about")
     assert "400 of 700" in about and "only the" in about and "real" in about
     assert "trained on synthetic apartments only" in page.inner_text("#warnings")
-    assert "egosplat query FOLDER 'red coutch'. Did you mean" in page.evaluate(ASK, "red coutch")["why"]
+    assert "FOLDER 'coutch'. Did you mean \"couch\"?" in page.evaluate(ASK, "coutch")["why"]
     assert page.evaluate(ASK, "couch")["score"] > 0.3 and page.errors == []
