@@ -2,6 +2,7 @@
 
 from heapq import heappop, heappush
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,14 +79,14 @@ class Runs:
         return np.where(np.maximum(first, second) < COMMON * smaller, np.nan, iou)
 
 
-def _rows(matrix: sparse.csr_array) -> list[Row]:
+def _rows(matrix: Any) -> list[Row]:
     """The rows, in the order of their columns."""
     matrix.sort_indices()
     spans = [slice(*span) for span in pairwise(matrix.indptr.tolist())]
     return [(matrix.indices[span], matrix.data[span]) for span in spans]
 
 
-def _columns(matrix: sparse.csr_array, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+def _columns(matrix: Any, rows: NDArray[np.int32]) -> NDArray[np.int32]:
     """The columns of the values of some rows; an index of SciPy takes many times as long for few rows."""
     ends = matrix.indptr[rows + 1]
     counts = ends - matrix.indptr[rows]
@@ -101,7 +102,8 @@ def _dense(row: Row, length: int) -> Floats:
 def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Floats:
     """(K,) sum of the (n,) values of the Gaussians of each of K lists."""
     owner = np.repeat(np.arange(len(gaussians)), [*map(len, gaussians)])
-    return np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
+    sums: Any = np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
+    return sums
 
 
 def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import torch
@@ -40,7 +41,7 @@ def render_things(
     seen = (meta["radii"][0] > 0).all(dim=-1)
     view, rows = view_of(gaussians.select(seen), camera, camera_to_world, settings), seen.cpu().numpy()
     # In one pass: the weights of a pixel are found once for all levels.
-    held = sparse.hstack([each[rows] for each in beliefs], format="csr")
+    held: Any = sparse.hstack([each[rows] for each in beliefs], format="csr")
     counts = [each.shape[1] for each in beliefs]
     level = np.repeat(np.arange(len(counts)), counts)
     number = np.concatenate([np.arange(count) for count in counts])

@@ -89,7 +89,7 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> N
             continue
         whole = _holds(masks, mine, keys.inside)
         for mask in mine:
-            seen = masks.seen_at(masks.frame[mask])
+            seen = masks.seen_at(int(masks.frame[mask]))
             members = masks.members(int(mask), seen, keys.inside)
             shared = seen[members][whole[members]].sum()
             union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,18 +126,21 @@ def floor_plan(layout: Layout) -> FloorPlan:
     for lower, upper in (*(thing.bounds for thing in layout.placed), *room.blocks):
         if lower[1] < _HEAD_ROOM_M:
             free &= ~((grid > lower[[0, 2]]) & (grid < upper[[0, 2]])).all(axis=-1)
-    clearance = ndimage.distance_transform_edt(free) * _CELL_M
+    distance: Any = ndimage.distance_transform_edt(free)
+    clearance = distance * _CELL_M
     # Clearance is measured from the body's axis.
     standing = clearance > _BODY_M
     inside = _largest(standing & in_room)
-    labels, _ = ndimage.label(standing)
+    found: Any = ndimage.label(standing)
+    labels = found[0]
     connected = labels == labels[inside].max() if inside.any() else inside
     outside = connected & ~in_room
     return FloorPlan(-half, clearance, inside, connected, bool(outside.any()))
 
 
 def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    labels, count = ndimage.label(mask)
+    found: Any = ndimage.label(mask)
+    labels, count = found
     if not count:
         return mask
     return labels == 1 + int(np.argmax(ndimage.sum_labels(mask, labels, np.arange(1, count + 1))))

@@ -91,11 +91,12 @@ def _looks(project: Project, seed: int) -> NDArray[np.float32]:
         sample = np.concatenate([rng.permutation(read(image))[:per_image] for image in images])
         centers, _ = kmeans2(sample, _CENTERS, minit="points", rng=rng)
         looks = np.zeros((len(images), *centers.shape), np.float32)
-        for look, image in zip(looks, images, strict=True):
+        for row, image in enumerate(images):
             descriptors = read(image)
             nearest, _ = vq(descriptors, centers)
-            np.add.at(look, nearest, descriptors - centers[nearest])
+            np.add.at(looks[row], nearest, descriptors - centers[nearest])
     # Each center counts alike, however many features an image has there; without features an image looks like none.
     for axis in (-1, (-2, -1)):
-        looks /= np.maximum(np.linalg.norm(looks, axis=axis, keepdims=True), _TINY)
+        norm: Any = np.linalg.norm(looks, axis=axis, keepdims=True)
+        looks /= np.maximum(norm, _TINY)
     return looks.reshape(len(images), -1)
