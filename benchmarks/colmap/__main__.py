@@ -53,7 +53,7 @@ def row(folder: Path) -> list[str]:
             run(folder, folder / "frames.zarr", output, PosesOptions(method="colmap"))
             found = _errors(open_artifact(output, POSES), truth)
         except UserError as error:
-            found = [str(error), "", "", ""]
+            found = [" ".join(str(error).split()), "", "", ""]
     return [*known, *found, f"{time.perf_counter() - start:.0f}"]
 
 
