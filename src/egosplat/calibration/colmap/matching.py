@@ -89,7 +89,7 @@ def _looks(project: Project, seed: int) -> NDArray[np.float32]:
 
         per_image = math.ceil(_SAMPLE / len(images))
         sample = np.concatenate([rng.permutation(read(image))[:per_image] for image in images])
-        centers, _ = kmeans2(sample, _CENTERS, minit="points", rng=rng)
+        centers, _ = kmeans2(sample, min(_CENTERS, len(sample)), minit="points", rng=rng)
         looks = np.zeros((len(images), *centers.shape), np.float32)
         for row, image in enumerate(images):
             descriptors = read(image)
