@@ -11,7 +11,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.calibration.colmap.joining import choose_model, registered_images
+from egosplat.calibration.colmap.choosing import choose_model, registered_images
 from egosplat.calibration.colmap.mapping import reconstruct
 from egosplat.geometry import Camera, invert, make_pose
 from egosplat.poses.options import PosesOptions

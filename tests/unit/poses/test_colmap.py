@@ -9,8 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.colmap.alignment import trajectory_error
+from egosplat.calibration.colmap import matching
+from egosplat.calibration.colmap.choosing import advice_on_few
 from egosplat.calibration.colmap.database import Project
-from egosplat.calibration.colmap.joining import advice_on_few
 from egosplat.calibration.colmap.mapping import MIN_SEEN, drop_loose_images
 from egosplat.calibration.colmap.matching import sequential_pairs
 from egosplat.errors import UserError
@@ -169,7 +170,7 @@ def features_of(images, folder, shown=None):
     return project
 
 
-def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_images, tmp_path):
+def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_images, tmp_path, monkeypatch):
     back = room.walk(10)[::-1].copy()
     back[:, 2, 3] -= 0.05
     project = features_of([*walk_images, *room.images(back)], tmp_path)
@@ -183,6 +184,11 @@ def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_imag
     assert found & {(0, 17), (0, 18), (0, 19)}
     pycolmap.set_random_seed(0)
     assert sequential_pairs(project, 3, seed=0) == pairs
+    # Of a recording with fewer features than centers of them, pairs near in time are still matched.
+    monkeypatch.setattr(matching, "_SAMPLE", 1)
+    assert near <= {
+        (int(first[:6]), int(second[:6])) for first, second in sequential_pairs(project, 3, seed=0)
+    }
 
 
 def test_points_are_filtered_by_track_length_and_error():

@@ -16,7 +16,7 @@ import pycolmap
 from numpy.typing import NDArray
 from scipy import stats
 
-from egosplat.calibration.colmap.joining import adjust
+from egosplat.calibration.colmap.choosing import adjust
 from egosplat.calibration.colmap.mapping import reconstruct
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
