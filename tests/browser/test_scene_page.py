@@ -176,7 +176,7 @@ def test_an_answer_is_that_of_python(scene, data, clip, words):
     known = QueryScene(None, None, None, 0, code, share, decoder, facts["levels"])
     texts, names = (encode_texts(clip, phrases, options.canonical) for phrases in ([words], facts["words"]))
     grading = grading_of(CLIP_HASH, options)
-    evidence = measure_evidence(known, surface, things, texts, names, options.temperature)
+    evidence = measure_evidence(known, surface, things, texts, names, options)
     ratings = list(map(grading.calibration.probability, evidence))
     found = scene().evaluate(ASK, words)
     assert found["score"] == pytest.approx(things[0].score, abs=1e-3)

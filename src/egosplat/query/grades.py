@@ -158,7 +158,7 @@ def measure_evidence(
     things: Sequence[Thing],
     query: Texts,
     words: Texts,
-    temperature: float,
+    options: QueryOptions,
 ) -> list[Evidence]:
     """Measure for each of the best things, compared with the others, the evidence that it is what the one query means.
 
@@ -169,7 +169,7 @@ def measure_evidence(
     texts = Texts(phrases, torch.cat([query.queries, words.queries[others]]), query.canonical)
     scores, measured = [thing.score for thing in things], []
     for row, thing in enumerate(things):
-        lead = _lead(scene, surface, thing, texts, temperature)
+        lead = _lead(scene, surface, thing, texts, options)
         apart = thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)
         measured.append(Evidence(math.log(max(thing.share, _LEAST_SHARE)), lead, apart))
     return measured
@@ -215,12 +215,12 @@ def find_history(histories: Histories, query: Texts, words: Texts, temperature: 
     return tuple(replace(one, score=float(score)) for one in histories.things[int(best)])
 
 
-def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, temperature: float) -> float:
+def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, options: QueryOptions) -> float:
     """Lead of the first of the texts over the others, which compete with it."""
     level = surface.levels.index(thing.level)
     rows = torch.from_numpy(thing.members).to(scene.code.device)
-    code, share = (values[rows, level][:, None] for values in (scene.code, scene.share))
-    fits = replace(scene, code=code, share=share).relevancy(texts, temperature)[:, 0].cpu().numpy()
+    of_thing = scene.part(rows, slice(level, level + 1))
+    fits = of_thing.relevancy(texts, options)[:, 0].cpu().numpy()
     weight = surface.weight[thing.members, level].astype(np.float64)
     fit, *others = map(log_odds, fits @ weight / weight.sum())
     return fit - max(others, default=0.0)

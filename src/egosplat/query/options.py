@@ -48,6 +48,10 @@ class QueryOptions(Options, section="query"):
     """Steepness of the relevancy as a function of similarity. LERF and LangSplat use 10, the paper's formula 1
     (docs/method.md#temperature). It does not move the maximum before the box filter, and hardly after it."""
 
+    size_weight: Annotated[float, Field(ge=0, le=2)] = 0.25
+    """Weight of the sizes of things as evidence for names (docs/method.md#sizes); 0 asks by looks alone. Higher tells
+    tables from each other, and trusts masks of parts less. Only instances with a place in 3D have sizes."""
+
     resolution: Natural = 0
     """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'
     size. Time and memory per view grow with its square; smaller locates small objects less exactly."""
@@ -89,4 +93,4 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
 
 
 # LangSplat's protocol, used by the paper.
-LANGSPLAT = QueryOptions(min_score=0.5)
+LANGSPLAT = QueryOptions(min_score=0.5, size_weight=0.0)

@@ -113,7 +113,7 @@ def ask_scene(
     """Find for each query, in order, at most ``most`` things by decreasing score; none if no Gaussian has a code."""
     how = options.segmentation_threshold, options.box_filter, most
     for batch in texts.in_batches(scene.share.numel()):
-        for relevancy in scene.relevancy(batch, options.temperature).cpu().numpy():
+        for relevancy in scene.relevancy(batch, options).cpu().numpy():
             yield find_things(surface, relevancy, *how)
 
 

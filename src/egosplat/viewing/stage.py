@@ -31,7 +31,7 @@ from egosplat.viewing.gaussians import (
 )
 from egosplat.viewing.html import Arrays, Facts, pack, record_of, scene_html
 from egosplat.viewing.options import ScenePageOptions
-from egosplat.viewing.words import carried_facts, pack_words
+from egosplat.viewing.words import carried_facts, pack_sizes, pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, HISTORIES)
 
@@ -84,6 +84,7 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
         pack_gaussians(every, trained.sh_degree),
         pack_visibility(surface.shares[:, kept], surface.frame),
         pack_words(scene),
+        pack_sizes(scene.sizes, options.size_weight),
         pack_frames(scene.artifact("frames"), scene.poses, scene.seconds),
         pack_carries(scene.histories),
         ({}, of_rests),

@@ -27,11 +27,29 @@ function dot(values, from, vector) {
 }
 
 // Relevancy of each Gaussian at each level; 0 where it has no code or no frame shows it.
-function gaussianRelevancy(scene, ofEntries) {
-  return ofEntries.map((relevancy, level) => {
-    const index = scene.codeIndex[level], weight = scene.weights[level];
-    return Float32Array.from({ length: scene.count }, (_, one) => (weight[one] > 0 ? relevancy[index[one]] : 0));
+function gaussianRelevancy(scene, vector, phrase) {
+  const told = sizesTell(scene, phrase);
+  return paletteRelevancy(scene, vector).map((entries, level) => {
+    const weight = scene.weights[level], fit = relevancyAt(scene, entries, level, told);
+    return Float32Array.from({ length: scene.count }, (_, one) => (weight[one] > 0 ? fit(one) : 0));
   });
+}
+
+// What the size of each instance adds to the log-odds of a phrase, by the longest of its ends with a size: egosplat/query/sizes.py.
+function sizesTell(scene, phrase) {
+  const words = phrase.toLowerCase().split(/\s+/u);
+  const ends = words.map((_, first) => scene.facts.size_words.indexOf(words.slice(first).join(" ")));
+  return scene.sizeOdds?.[ends.find((row) => row >= 0)];
+}
+
+// The relevancy of a Gaussian at a level, of those of the palette's entries, and what sizes tell.
+function relevancyAt(scene, entries, level, told) {
+  const index = scene.codeIndex[level], instance = scene.instance?.[level];
+  if (!told) return (one) => entries[index[one]];
+  return (one) => {
+    const fit = entries[index[one]];
+    return fit > 0 ? fit / (fit + (1 - fit) * Math.exp(-told[instance[one]])) : 0;
+  };
 }
 
 // The things that match best, by decreasing score.
@@ -176,10 +194,10 @@ function ratingOf(scene, thing, things, others) {
 
 // Mean relevancy of a thing's Gaussians to a word of the page's list.
 function wordFit(scene, thing, number) {
-  const relevancy = wordRelevancy(scene, number)[thing.level], index = scene.codeIndex[thing.level], weight = scene.weights[thing.level];
+  const fit = wordRelevancy(scene, number)[thing.level], weight = scene.weights[thing.level];
   let sum = 0, total = 0;
   for (const one of thing.members) {
-    sum += weight[one] * relevancy[index[one]];
+    sum += weight[one] * fit(one);
     total += weight[one];
   }
   return sum / total;
@@ -320,7 +338,7 @@ async function answerName(scene, tower, neighbors, name) {
     const named = [...new Set(untaught)].map((word) => `"${word}"`);
     return refused(name, `The models here were never taught the word${named.length > 1 ? "s" : ""} ${named.join(", ")}. ${suggest(scene.facts, phrase, untaught)}`.trim());
   }
-  const vector = tower.encode(tokens), relevancy = gaussianRelevancy(scene, paletteRelevancy(scene, vector));
+  const vector = tower.encode(tokens), relevancy = gaussianRelevancy(scene, vector, phrase);
   scene.heated = performance.now();
   return { ...judge(scene, await neighbors, relevancy, phrase, vector), name, vector, relevancy, history: historyOf(scene, phrase, vector) };
 }
