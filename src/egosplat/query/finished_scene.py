@@ -31,7 +31,7 @@ from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.reading import Question, read_questions
 from egosplat.query.relations import Space, relate
 from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
-from egosplat.query.sizes import Sizes, measure_extents
+from egosplat.query.sizes import Sizes, log_ratios, measure_extents
 from egosplat.query.text import Texts, encode_texts, explain_untaught, words_to_try
 from egosplat.query.things import Surface, ask_scene, read_surface
 from egosplat.query.views import Asker, show_thing
@@ -211,8 +211,8 @@ class Scene:
         if not self._placed or self.unit != "m":
             return None
         surface, instance, up = self.surface, self.instances, self.artifact("poses").read("up")
-        extents = measure_extents(surface.means, instance, surface.touching, up)
-        return Sizes(torch.from_numpy(instance.T.astype(np.int64)).to(self.trained.code.device), extents)
+        ratios = log_ratios(measure_extents(surface.means, instance, surface.touching, up))
+        return Sizes(torch.from_numpy(instance.T.astype(np.int64)).to(self.trained.code.device), ratios)
 
     @cached_property
     def _posed(self) -> NDArray[np.int64]:

@@ -103,7 +103,7 @@ class QueryScene(TrainedScene):
     def part(self, rows: Tensor | slice, levels: slice) -> "QueryScene":
         """The scene with the codes of some Gaussians at some levels."""
         code, share = self.code[rows][:, levels], self.share[rows][:, levels]
-        sizes = self.sizes and self.sizes.of(rows, levels)
+        sizes = self.sizes and replace(self.sizes, instance=self.sizes.instance[rows][:, levels])
         return replace(self, code=code, share=share, levels=self.levels[levels], sizes=sizes)
 
 

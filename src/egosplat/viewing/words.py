@@ -56,9 +56,10 @@ def pack_sizes(sizes: Sizes | None, weight: float) -> tuple[Arrays, Facts]:
     """Pack ``size_odds`` (W, 1 + I) float32, what each instance's size, none's first, adds to log-odds of the fact ``size_words``."""
     if sizes is None or not weight:
         return {}, {"size_words": []}
-    words = [*read_sizes()[0]]
-    odds = np.roll(sizes.told(words, weight), 1, axis=0).T.astype(np.float32)
-    return {"size_odds": odds}, {"size_words": words}
+    words = read_sizes()[0]
+    return {"size_odds": np.roll(sizes.told(words, weight), 1, axis=1).astype(np.float32)}, {
+        "size_words": words
+    }
 
 
 def ask_for_page(scene: Scene, phrase: str = "", like: str = "", name: str = "") -> Facts:
