@@ -99,11 +99,10 @@ def _dense(row: Row, length: int) -> Floats:
     return found
 
 
-def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Floats:
+def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Any:
     """(K,) sum of the (n,) values of the Gaussians of each of K lists."""
     owner = np.repeat(np.arange(len(gaussians)), [*map(len, gaussians)])
-    sums: Any = np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
-    return sums
+    return np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
 
 
 def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:

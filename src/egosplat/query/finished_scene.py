@@ -31,9 +31,9 @@ from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.reading import Question, read_questions
 from egosplat.query.relations import Space, relate
 from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
-from egosplat.query.sizes import Sizes, log_ratios, measure_extents
+from egosplat.query.sizes import Sizes, log_ratios
 from egosplat.query.text import Texts, encode_texts, explain_untaught, words_to_try
-from egosplat.query.things import Surface, ask_scene, read_surface
+from egosplat.query.things import Surface, ask_scene, measure_extents, read_surface
 from egosplat.query.views import Asker, show_thing
 
 # What OpenCLIP encoded for a scene's codes, and an array of it: the features of instances, or tiles for methods without masks.
@@ -179,11 +179,6 @@ class Scene:
         return read_scene(splats, language, self.encoded, self.options.backend)
 
     @cached_property
-    def asked(self) -> QueryScene:
-        """The same with the sizes of instances, if they are known."""
-        return replace(self.trained, sizes=self.sizes)
-
-    @cached_property
     def clip(self) -> OpenClip:
         """The OpenCLIP that made the features."""
         how, made_with = self.options, self.encoded.facts["clip"]
@@ -206,13 +201,14 @@ class Scene:
         return made is not None and made.shape("gaussians/xyz")[0] > 0
 
     @cached_property
-    def sizes(self) -> Sizes | None:
-        """The sizes of instances; None where these have no place in 3D, or the scale is arbitrary."""
+    def asked(self) -> QueryScene:
+        """The Gaussians with the sizes of instances, where these have a place in 3D and the scale is known."""
         if not self._placed or self.unit != "m":
-            return None
+            return self.trained
         surface, instance, up = self.surface, self.instances, self.artifact("poses").read("up")
         ratios = log_ratios(measure_extents(surface.means, instance, surface.touching, up))
-        return Sizes(torch.from_numpy(instance.T.astype(np.int64)).to(self.trained.code.device), ratios)
+        of_gaussians = torch.from_numpy(instance.T.astype(np.int64)).to(self.trained.code.device)
+        return replace(self.trained, sizes=Sizes(of_gaussians, ratios))
 
     @cached_property
     def _posed(self) -> NDArray[np.int64]:

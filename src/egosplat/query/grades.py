@@ -219,8 +219,7 @@ def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, optio
     """Lead of the first of the texts over the others, which compete with it."""
     level = surface.levels.index(thing.level)
     rows = torch.from_numpy(thing.members).to(scene.code.device)
-    of_thing = scene.part(rows, slice(level, level + 1))
-    fits = of_thing.relevancy(texts, options)[:, 0].cpu().numpy()
+    fits = scene.part(rows, slice(level, level + 1)).relevancy(texts, options)[:, 0].cpu().numpy()
     weight = surface.weight[thing.members, level].astype(np.float64)
     fit, *others = map(log_odds, fits @ weight / weight.sum())
     return fit - max(others, default=0.0)

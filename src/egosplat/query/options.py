@@ -49,8 +49,7 @@ class QueryOptions(Options, section="query"):
     (docs/method.md#temperature). It does not move the maximum before the box filter, and hardly after it."""
 
     size_weight: Annotated[float, Field(ge=0, le=2)] = 0.25
-    """Weight of the sizes of things as evidence for names (docs/method.md#sizes); 0 asks by looks alone. Higher tells
-    tables from each other, and trusts masks of parts less. Only instances with a place in 3D have sizes."""
+    """Weight of the sizes of things as evidence for names (docs/method.md#sizes); 0 asks by looks alone."""
 
     resolution: Natural = 0
     """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'

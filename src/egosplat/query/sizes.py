@@ -8,12 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
-from egosplat.drawing import ground_axes
 from egosplat.geometry import Array
 
 # What things measure, by general knowledge: a row for each kind of a word.
@@ -21,15 +17,6 @@ TABLE = Path(__file__).with_name("sizes.csv")
 
 # Limits of what sizes add to the log-odds of a relevancy: a wrong size tells more than a right one.
 LIMITS = -1.0, 0.7
-
-# Quantiles of the extents of an instance, and of the heights of all Gaussians for the height of the floor.
-_EXTENT, _FLOOR = (0.04, 0.96), 0.01
-
-# Minimum number of Gaussians of an instance whose extents are known.
-_LEAST_GAUSSIANS = 16
-
-# Standard deviations from which a measure tells no more against a word: masks are merged, and show parts.
-_FARTHEST = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,32 +37,6 @@ class Sizes:
         return torch.where(relevancy > 0, relevancy / (relevancy + (1.0 - relevancy) * less), 0.0)
 
 
-def measure_extents(xyz: Array, instance: NDArray[np.int32], touching: csr_array, up: Array) -> Array:
-    """(I, 5) float64 extents of instances, in the unit of (N, 3) centers: height, longer and shorter side of the footprint, and
-    heights of foot and top above the floor; NaN where too few Gaussians show them.
-
-    ``instance`` is (L, N), -1 for none. Only the largest set of Gaussians that touch, by an (N, N) matrix, counts; (3,) ``up`` has
-    unit norm.
-    """
-    count = int(instance.max(initial=-1)) + 1
-    extents, height, flat = np.full((count, 5), np.nan), xyz @ up, xyz @ ground_axes(up).T
-    floor = np.quantile(height, _FLOOR) if len(height) else 0.0
-    for own in instance:
-        order = np.argsort(own, kind="stable")
-        for index, members in enumerate(
-            np.split(order, np.searchsorted(own[order], np.arange(count + 1)))[1:-1]
-        ):
-            if len(members):
-                label = connected_components(touching[members][:, members], directed=False)[1]
-                members = members[label == np.bincount(label).argmax()]
-            if len(members) >= _LEAST_GAUSSIANS:
-                along = flat[members] @ np.linalg.eigh(np.cov(flat[members].T))[1]
-                short, long = np.ptp(np.quantile(along, _EXTENT, axis=0), axis=0)
-                foot, top = np.quantile(height[members], _EXTENT)
-                extents[index] = top - foot, long, short, foot - floor, top - floor
-    return extents
-
-
 @cache
 def read_sizes() -> tuple[tuple[str, ...], Array]:
     """The words of ``TABLE`` and its (K, 7) float64 rows: index of the word, height, longer and shorter side [m], their spread [log],
@@ -88,9 +49,9 @@ def read_sizes() -> tuple[tuple[str, ...], Array]:
 
 def row_of(phrase: str) -> int:
     """The index of the longest word of ``TABLE`` with which a phrase ends; -1 for none."""
-    words, table = phrase.lower().split(), read_sizes()[0]
-    ends = (" ".join(words[first:]) for first in range(len(words)))
-    return next((table.index(end) for end in ends if end in table), -1)
+    table = read_sizes()[0]
+    ends = [row for row, word in enumerate(table) if f" {phrase.lower()}".endswith(f" {word}")]
+    return max(ends, key=lambda row: len(table[row]), default=-1)
 
 
 def log_ratios(extents: Array) -> Array:
@@ -114,5 +75,6 @@ def log_ratios(extents: Array) -> Array:
 
 def _log_density(offset: Array, spread: Array, below: float, above: float) -> Array:
     """Logarithm of a normal density whose spread is wider by a factor below and above."""
-    z = np.clip(offset / (spread * np.where(offset < 0, below, above)), -_FARTHEST, _FARTHEST)
+    # Masks are merged, and show parts: what is far off tells no more against a word.
+    z = np.clip(offset / (spread * np.where(offset < 0, below, above)), -3.0, 3.0)
     return -0.5 * z * z - np.log(spread * (below + above) / 2)

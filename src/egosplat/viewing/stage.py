@@ -84,7 +84,7 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
         pack_gaussians(every, trained.sh_degree),
         pack_visibility(surface.shares[:, kept], surface.frame),
         pack_words(scene),
-        pack_sizes(scene.sizes, options.size_weight),
+        pack_sizes(scene.asked.sizes, options.size_weight),
         pack_frames(scene.artifact("frames"), scene.poses, scene.seconds),
         pack_carries(scene.histories),
         ({}, of_rests),
