@@ -54,14 +54,13 @@ transient: {encoder_weights: null}
         ("features: {mad_k: 2.5}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),
         ("masks: {threshold: 0.5}", AFTER_SEGMENTS),  # the threshold of tracks, too
-        ("masks: {level: whole}", AFTER_MASKS),
+        ("masks: {max_share: 0.4}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("camera: {refine_poses: on}", AFTER_GAUSSIANS),
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
         ("query: {canonical: [object, thing]}", {*AFTER_QUERIES, "scene_page"}),
         ("metrics: {hit_region: mask}", AFTER_QUERIES),
-        ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", *AFTER_QUERIES}),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
         ("poses: {trajectory: closed_loop}", set()),  # the default, written out

@@ -11,7 +11,7 @@ from egosplat.calibration.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_vid
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.frames.adt import RGB_STREAM, open_video, open_vrs, read_checked, rectification
-from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, check_instance
+from egosplat.frames.recording import MAX_AGE_NS, AnnotationKeys, Annotations, Instance, check_instance
 from egosplat.frames.rectify import Rectification
 from egosplat.progress import log
 
@@ -36,20 +36,20 @@ def open_annotations(folder: Path, keys: AnnotationKeys) -> Annotations | None:
     listed = np.array([instance.id for instance in instances], dtype=np.uint64)
 
     def read(timestamp_ns: int) -> NDArray[np.int32] | None:
-        ids = read_checked(path, "", lambda: _ids_near(provider, timestamp_ns, keys.max_age_ns, rectified))
+        ids = read_checked(path, "", lambda: _ids_near(provider, timestamp_ns, rectified))
         return None if ids is None else _index_of(ids, listed, path)[None]
 
     return Annotations(instances, read)
 
 
 def _ids_near(
-    provider: AriaDigitalTwinDataProvider, timestamp_ns: int, max_age_ns: int, rectified: Rectification
+    provider: AriaDigitalTwinDataProvider, timestamp_ns: int, rectified: Rectification
 ) -> NDArray[Any] | None:
     """(H, W) uint64 ids of the segmentation that is not older or newer; None if there is none."""
     nearest = provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
     # The provider returns the nearest segmentation, however far away in time. The ground truth follows the clock of the
     # other cameras, about 0.1 ms off (docs/method.md#annotation-age).
-    near = nearest.is_valid() and abs(nearest.dt_ns()) <= max_age_ns
+    near = nearest.is_valid() and abs(nearest.dt_ns()) <= MAX_AGE_NS
     return rectified.labels(nearest.data().to_numpy_array()) if near else None
 
 

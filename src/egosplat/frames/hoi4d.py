@@ -17,7 +17,7 @@ from egosplat.calibration.files import (
 from egosplat.errors import UserError
 from egosplat.frames.images import read_rgb
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, Recording
+from egosplat.frames.recording import MAX_AGE_NS, AnnotationKeys, Annotations, Instance, Recording
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import open_video
 from egosplat.geometry import Camera
@@ -111,7 +111,7 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
         number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
         mask = masks / f"{number:05d}.png"
         age_ns = abs(timestamp_ns - round(number * 1e9 / MASKS_PER_SECOND))
-        if age_ns > keys.max_age_ns or not mask.is_file():
+        if age_ns > MAX_AGE_NS or not mask.is_file():
             return None
         labels = decode_labels(read_rgb(mask))
         if (unknown := float((labels < 0).mean())) > _MAX_UNKNOWN_SHARE:

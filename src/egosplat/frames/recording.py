@@ -94,13 +94,16 @@ class Annotations:
         return None if layers is None else layers[0]
 
 
+# Largest time between a frame and its annotation [ns]: EgoLifter's (docs/method.md#annotation-age). Pictures are annotated by name.
+MAX_AGE_NS = 3_000_000
+
+
 @dataclass(frozen=True)
 class AnnotationKeys:
     """How annotations are read.
 
     Attributes:
         camera, upright: of the frames, as in ``Recording``.
-        max_age_ns: largest time between a frame and its annotation; pictures are annotated by name.
         known_poses, turned: of pictures: the kind of their known poses, and whether EXIF orientation was applied.
         lenses: of pictures that are rectified: the lens of each frame, by its time.
         pinhole: camera of the rectified full-size pictures; None if they are not rectified.
@@ -108,7 +111,6 @@ class AnnotationKeys:
 
     camera: Camera
     upright: bool = True
-    max_age_ns: int = 3_000_000
     known_poses: str | None = None
     turned: bool = True
     lenses: Mapping[int, Lens] = field(default_factory=dict)

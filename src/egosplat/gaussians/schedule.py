@@ -1,7 +1,7 @@
 """The training schedule: learning rate of the means, SH degree, density control; and the options of a training."""
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from egosplat.gaussians.render import RenderSettings
@@ -146,13 +146,10 @@ class TrainingOptions:
     cuts_schedule: bool = False
 
     @staticmethod
-    def of(keys: Any, **others: Any) -> "TrainingOptions":
-        """Take the options of a stage that have these names, and ``others``."""
-        render = RenderSettings(keys.near_plane, getattr(keys, "background", "black"), keys.backend)
-        names = [field.name for field in fields(TrainingOptions) if hasattr(keys, field.name)]
-        return TrainingOptions(
-            **{"render": render, **{name: getattr(keys, name) for name in names}, **others}
-        )
+    def of(keys: Any, background: str = "black", **others: Any) -> "TrainingOptions":
+        """Take what the options of every stage that trains Gaussians have, and ``others``."""
+        render = RenderSettings(keys.near_plane, background, keys.backend)
+        return TrainingOptions(render=render, iterations=keys.iterations, seed=keys.seed, **others)
 
     @property
     def schedule(self) -> Schedule:

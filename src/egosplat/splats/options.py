@@ -25,9 +25,6 @@ class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions
     and geometry fixed. joint: in one training with the sum of both losses, as in the paper. The codes then change
     the geometry, and every change of segments or features trains it again."""
 
-    feature_weight: Annotated[float, Field(ge=0), READING] = 1.0
-    """Weight of the code loss if language is joint. The paper uses 1. Larger distorts the geometry more."""
-
     iterations: Count = 3000
     """Training iterations, one frame each. More add fine detail and take longer. 3DGS uses 30,000. The learning
     rate and the end of density control scale with it; the intervals of density control, opacity resets and

@@ -31,12 +31,10 @@ Scores = NDArray[np.float64]
 _MASKS_THAT_HOLD = 3
 
 
-def transient_instances(
-    scores: Scores, pixels: NDArray[np.int64], level: NDArray[np.int8], threshold: float, levels: set[int]
-) -> NDArray[np.bool_]:
-    """(N,) the set D: instances of ``levels`` with at least one pixel and a score of at least ``threshold``."""
+def transient_instances(scores: Scores, pixels: NDArray[np.int64], threshold: float) -> NDArray[np.bool_]:
+    """(N,) the set D: instances of all levels with at least one pixel and a score of at least ``threshold``."""
     # An instance without pixels has the score 0, which reaches a threshold of 0.
-    return (scores >= threshold) & (pixels > 0) & np.isin(level, sorted(levels))
+    return (scores >= threshold) & (pixels > 0)
 
 
 def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
@@ -63,16 +61,14 @@ def run(
     for artifact in (transient, instances):
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
     record = provenance.begin_from("masks", options.as_dict(), inputs)
-    names = instances.facts["levels"]
-    levels = set(range(len(names))) if options.level == "all" else {names.index(options.level)}
     # Training frames alone decide: evaluation frames must not influence training.
     rows = np.flatnonzero(frames.read("train"))
     by_probability, outstanding, mean_probability = _score(inputs, rows)
-    level, tracks = instances.read("instances/level"), is_track(instances)
+    tracks = is_track(instances)
     scores, pixels = by_probability.scores, by_probability.pixels
-    called = transient_instances(scores, pixels, level, options.threshold, levels)
+    called = transient_instances(scores, pixels, options.threshold)
     static = looks_static(outstanding, options.stands_out)
-    chosen, seen = called & ~static, int((pixels > 0)[np.isin(level, sorted(levels))].sum())
+    chosen, seen = called & ~static, int((pixels > 0).sum())
     withheld, many = None, int(chosen.sum())
     if mean_probability > options.max_share:
         withheld = BY_NETWORK
@@ -97,8 +93,7 @@ def run(
         share, by_regions = _put_refined(artifact, inputs, chosen, regions, options)
         artifact.facts = {
             "threshold": options.threshold,
-            "level": options.level,
-            "levels": names,
+            "levels": instances.facts["levels"],
             "transient": int(chosen.sum()),
             "masked_share": share,
             "masked_by_regions": by_regions,

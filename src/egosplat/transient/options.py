@@ -13,6 +13,16 @@ from egosplat.pipeline.shared_options import (
     ThresholdOptions,
 )
 
+# Keys of a training by transient.gaussians. Gradients of squared differences are about ten times smaller than those that 3DGS's
+# grow_grad2d of 0.0002 is chosen for: with it, and without added points, windows and lamps come so late that the network calls
+# them transient. View-dependent color could fit what moves. EgoLifter has no limits; memory has.
+TEMPORARY = {
+    "own": {"max_points": 20_000, "max_gaussians": 60_000, "grow_grad2d": 2e-5},
+    "egolifter": {"max_points": 1_000_000, "densify_init": False, "max_gaussians": 5_000_000, "sh_degree": 3}
+    | {"reset_opacity": 0.01, "reset_at_start": True, "prune_screen_px": 20.0, "cuts_schedule": True}
+    | {"background": "white"},
+}
+
 # Learning rate times trained iterations from which static pixels reach a low probability (benchmarks/ablation/README.md).
 LEAST_REACH = 0.7
 
@@ -63,42 +73,10 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     """Batch statistics of the trained network (docs/method.md#batch-norm). train: of the frame itself, as in
     training. eval: running averages, as in EgoLifter, which were worse after 2,000 iterations."""
 
-    schedule: Annotated[Literal["scaled", "cut"], READING] = "scaled"
-    """Schedule of learning rate and density control in a run shorter than 3DGS's 30,000 iterations
-    (docs/method.md#temporary-schedule). scaled: scaled to the run. cut: cut off at its end, as in EgoLifter; then
-    Gaussians grow until the end, and the opacity reset after 3,000 iterations undoes part of the training."""
-
-    max_points: Annotated[Count, READING] = 20000
-    """Largest number of initial points of the temporary Gaussians, as splats.max_points."""
-
-    densify_init: Annotated[bool, READING] = True
-    """Initial points where the tracker found none, as splats.densify_init, for the temporary Gaussians. Without it
-    windows and lamps are reconstructed so late that the network marks them as transient."""
-
-    max_gaussians: Annotated[Count, READING] = 60000
-    """Largest number of temporary Gaussians. More reconstruct more of the static scene, and more of the moving
-    objects too."""
-
-    grow_grad2d: Annotated[Positive, READING] = 2e-05
-    """Densification threshold of the temporary Gaussians; smaller makes more. Gradients of squared differences are
-    about ten times smaller than those that 3DGS's 0.0002 is chosen for. With it, static surfaces without points
-    (windows, lamps) are never reconstructed and are marked as transient."""
-
-    reset_opacity: Annotated[float, Field(gt=0.005, lt=1), READING] = 0.05
-    """Opacity after a reset, as splats.reset_opacity, for the temporary Gaussians."""
-
-    reset_at_start: Annotated[bool, READING] = False
-    """Reset opacities at the start, as splats.reset_at_start, for the temporary Gaussians."""
-
-    prune_screen_px: Annotated[Positive | None, READING] = None
-    """Largest screen radius, as splats.prune_screen_px, for the temporary Gaussians."""
-
-    sh_degree: Annotated[int, Field(ge=0, le=3), READING] = 0
-    """Highest spherical-harmonics degree of the temporary Gaussians. View-dependent color can fit moving objects; 0
-    leaves them to the network, and highlights too. The paper's setting is 3."""
-
-    background: Annotated[Literal["black", "white", "random"], READING] = "black"
-    """Color behind the temporary Gaussians, as splats.background. EgoLifter uses white."""
+    gaussians: Annotated[Literal["own", "egolifter"], READING] = "own"
+    """How the temporary Gaussians are trained (docs/method.md#temporary-gaussians). own: few, of one color each, on
+    black, by a schedule that is scaled to the run, with initial points also where the tracker found none. egolifter:
+    as in EgoLifter, with 3DGS's schedule, cut off at the end of the run, and its opacity resets."""
 
     def stays_at_start(self) -> str | None:
         """Say that the network will call static pixels transient, and what to set; None if it is trained long enough."""
@@ -136,7 +114,3 @@ class MasksOptions(ThresholdOptions):
     """Share above which nothing is masked, and an alarm says why: mean probability of the network over the training
     frames, or share of the instances that would be transient; poses, exposure or blur are rather mistaken for motion.
     1 never withholds masks, as in the paper."""
-
-    level: Annotated[Literal["subpart", "part", "whole", "all"], READING] = "all"
-    """Level whose instances may be transient, or all for their union (docs/method.md#mask-level). Smaller ones follow
-    what moves more closely; one wrong instance of the level whole masks a large area."""

@@ -26,7 +26,7 @@ from egosplat.models.checkpoints import content_hash
 from egosplat.progress import NOTICE, log, track
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective
-from egosplat.transient.options import TransientOptions
+from egosplat.transient.options import TEMPORARY, TransientOptions
 
 
 def run(
@@ -61,8 +61,8 @@ def run(
     log(f"{len(views)} training views of {views.camera.width} x {views.camera.height} pixels")
     objective = InitialObjective(net, options, views.device)
     # Temporary Gaussians need no intermediate evaluations.
-    others = {"evaluate_every": options.iterations, "cuts_schedule": options.schedule == "cut"}
-    gaussian_options = TrainingOptions.of(options, **others)
+    once, kind = {"evaluate_every": options.iterations}, TEMPORARY[options.gaussians]
+    gaussian_options = TrainingOptions.of(options, **once, **kind)
     state = begin(poses, views, gaussian_options, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     # Sums over several threads on a CPU would differ from run to run.

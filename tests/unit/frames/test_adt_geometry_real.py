@@ -14,7 +14,7 @@ from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import Rectification
 from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
 
-OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
+OPTIONS = FramesOptions(resolution=352, upright=True)
 ANNOTATION_NS = [87551170910000, 87551204237999]
 
 

@@ -159,7 +159,7 @@ def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
     # The middle of every picture looks ahead.
     middle = frames.read("rgb")[:, round(camera.cy), round(camera.cx), :2]
     assert np.abs(middle.astype(int) - 120).max() <= 5
-    keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+    keys = annotations_stage.AnnotationsOptions()
     run(recording, {"evaluation_frames": 3, "holdout": False})
     annotations_stage.run(recording, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", keys)
     found = open_artifact(tmp_path / "annotations.zarr", annotations_stage.ANNOTATIONS)

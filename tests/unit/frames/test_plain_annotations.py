@@ -66,7 +66,7 @@ def annotate(images, evaluation):
     """Frames that are all trained on, and the annotations of some."""
     split(images, evaluation_frames=evaluation, holdout=False)
     written = images.parent / "annotations.zarr"
-    keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+    keys = annotations_stage.AnnotationsOptions()
     annotations_stage.run(images, images.parent / "frames.zarr", written, keys)
 
 

@@ -148,7 +148,7 @@ def test_a_variant_of_the_configuration_keeps_its_name_from_a_preset():
 
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():
-    frames = {"resolution": 300, "focal": 400.0, "evaluation_frames": 5}
+    frames = {"resolution": 300, "start_s": 2.0, "evaluation_frames": 5}
     own = {
         "query": {"readout": "pixels"},
         "frames": frames,
@@ -159,7 +159,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     config = with_presets(base, PRESETS, "adt")
     draft, paper = (variant_config(config, name, "adt/scene1") for name in ("draft", "paper_scaled"))
     for found in (draft, paper):
-        assert (found["frames"]["focal"], found["frames"]["evaluation_frames"]) == (400.0, 5)
+        assert (found["frames"]["start_s"], found["frames"]["evaluation_frames"]) == (2.0, 5)
         assert all(found[section] == base[section] for section in ("models", "metrics", "synthetic"))
         assert found["segments"]["merge_iou"] == 0.4 and found["query"]["readout"] == "pixels"
     assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300

@@ -36,7 +36,7 @@ SPLATS = CAMERA | {
     "sh_degree": 1,
     "masking": "none",
 }
-TRANSIENT = CAMERA | {"iterations": 12, "input_size": 64, "resolution": 32, "max_gaussians": 300}
+TRANSIENT = CAMERA | {"iterations": 12, "input_size": 64, "resolution": 32}
 LANGUAGE = {"iterations": 12}
 
 

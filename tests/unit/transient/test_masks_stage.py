@@ -37,7 +37,7 @@ def predicted(folder: Path) -> Path:
 
 def run(folder: Path, **keys: object):
     """The verified artifact."""
-    stage_keys = {"threshold": 0.25, "level": "all"} | OFF | keys
+    stage_keys = {"threshold": 0.25} | OFF | keys
     inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "instances"))
     masks_stage.run(*inputs, folder / "masks.zarr", masks_stage.MasksOptions(**stage_keys))
     return verify(folder / "masks.zarr", SCHEMAS)
