@@ -60,7 +60,7 @@ transient: {encoder_weights: null}
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
         ("query: {canonical: [object, thing]}", {*AFTER_QUERIES, "scene_page"}),
-        ("metrics: {hit_region: mask}", AFTER_QUERIES),
+        ("metrics: {masks: classes}", AFTER_QUERIES),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
         ("poses: {trajectory: closed_loop}", set()),  # the default, written out

@@ -37,13 +37,13 @@ class Result:
 
 
 def score_query(
-    query: Query, pixel: tuple[int, int] | None, mask: Mask, layers: InstanceMap, valid: Mask, hit_region: str
+    query: Query, pixel: tuple[int, int] | None, mask: Mask, layers: InstanceMap, valid: Mask
 ) -> dict[str, Result]:
     """Score the pixel and mask of one ``ViewMatch`` against the instances of each group, in (..., H, W) int32 layers of its
     frame, see ``read_layers``; (H, W) bool ``valid`` pixels show the scene."""
     results = {}
     for name, members in query.instances.items():
-        area = target_area(layers, members, hit_region)
+        area = target_area(layers, members)
         height, width = area.shape
         results[name] = Result(
             hit=pixel is not None and bool(area[pixel[1], pixel[0]]),
@@ -89,10 +89,8 @@ def summarise(
     return summary
 
 
-def target_area(layers: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
-    """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances, by ``metrics.hit_region``."""
-    if hit_region == "mask":
-        return mask_of(layers, instances)
+def target_area(layers: InstanceMap, instances: Sequence[int]) -> Mask:
+    """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances: those of its box, as in LangSplat's benchmark."""
     area = np.zeros(layers.shape[-2:], np.bool_)
     for x0, y0, x1, y1 in bounding_boxes(layers, instances):
         # The last column and row belong to the box.
@@ -135,7 +133,7 @@ def run_queries(
             classes = options.masks == "classes"
             yield AnsweredQuery(
                 query,
-                score_query(query, answer.pixel, answer.mask, layers, valid, options.hit_region),
+                score_query(query, answer.pixel, answer.mask, layers, valid),
                 count_right(query, answer.mask, layers, instances) if classes else None,
                 {
                     "relevancy": answer.score,

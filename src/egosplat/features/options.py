@@ -42,10 +42,6 @@ class FeaturesOptions(SeedOptions):
     """Outlier limit in units of the median absolute deviation. The paper uses 3. Lower rejects more views; higher
     keeps views of the wrong object. Values below 1 could reject all views and are not allowed."""
 
-    normalize: Annotated[bool, READING] = True
-    """Scale means and averages to unit norm (docs/method.md#unit-norm). Similarity to text depends on the direction
-    alone. Without it, instances whose views disagree get less weight in the compression."""
-
     supervision: Literal["average", "consistent", "view"] = "average"
     """Training target of the Gaussians. average: mean of the view's feature and the consistent feature, as in the
     paper. consistent: the consistent feature alone. view: the view's feature alone, as in LangSplat, without

@@ -93,9 +93,8 @@ def _supervision(
     feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
 ) -> tuple[Features, Features, NDArray[np.bool_]]:
     """Return (N, D) consistent features, and the (R, D) supervision and (R,) mismatched flags of the views."""
-    consistent = found.feature
-    if options.normalize:
-        consistent = consistent_directions(consistent, feature, instance)
+    # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
+    consistent = consistent_directions(found.feature, feature, instance)
     # A view whose cosine is below the midpoint of 1 and that between instances shows another object.
     apart = spread(consistent[found.views > 0]) if options.mismatched_views == "keep_own" else None
     limit = -math.inf if apart is None else (1 + apart) / 2
@@ -108,10 +107,8 @@ def _supervision(
         values = supervise(
             own, common, found.inlier[part], mismatched[part], options.supervision, options.outlier_target
         )
-        if options.normalize:
-            # Opposite features cancel; the average then has no direction of its own.
-            values = unit(np.where(vanishing(values)[:, None], common, values))
-        supervision[part] = values
+        # Opposite features cancel; the average then has no direction of its own.
+        supervision[part] = unit(np.where(vanishing(values)[:, None], common, values))
     return consistent.astype(np.float32), supervision, mismatched
 
 
