@@ -88,11 +88,6 @@ class Annotations:
     read: Callable[[int], NDArray[np.int32] | None]
     covered: int = 0
 
-    def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """(H, W) int32: the instance map of the frame captured then; None if it is not annotated."""
-        layers = self.read(timestamp_ns)
-        return None if layers is None else layers[0]
-
 
 # Largest time between a frame and its annotation [ns]: EgoLifter's (docs/method.md#annotation-age). Pictures are annotated by name.
 MAX_AGE_NS = 3_000_000

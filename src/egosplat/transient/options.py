@@ -13,12 +13,12 @@ from egosplat.pipeline.shared_options import (
     ThresholdOptions,
 )
 
-# Keys of a training by transient.gaussians. Gradients of squared differences are about ten times smaller than those that 3DGS's
+# Keys of a training by transient.recipe. Gradients of squared differences are about ten times smaller than those that 3DGS's
 # grow_grad2d of 0.0002 is chosen for: with it, and without added points, windows and lamps come so late that the network calls
 # them transient. View-dependent color could fit what moves. EgoLifter has no limits; memory has.
 TEMPORARY = {
     "own": {"max_points": 20_000, "max_gaussians": 60_000, "grow_grad2d": 2e-5},
-    "egolifter": {"max_points": 1_000_000, "densify_init": False, "max_gaussians": 5_000_000, "sh_degree": 3}
+    "paper": {"max_points": 1_000_000, "densify_init": False, "max_gaussians": 5_000_000, "sh_degree": 3}
     | {"reset_opacity": 0.01, "reset_at_start": True, "prune_screen_px": 20.0, "cuts_schedule": True}
     | {"background": "white"},
 }
@@ -43,19 +43,9 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     compares at full resolution. Time grows with its square. It does not change the network's input (input_size)."""
 
     transient_penalty: Annotated[float, Field(ge=0), READING] = 2
-    """Loss of a pixel that the network calls transient, in the unit of penalty_unit; it does so if the residual is
+    """Loss of a pixel that the network calls transient, in the unit of recipe; it does so if the residual is
     larger. Larger masks less. The paper prints 0.2 and EgoLifter uses 0.01, both absolute
     (docs/method.md#transient-loss). Median residuals are 0.9 to 1.0 units of static pixels, 3 to 12 of moving ones."""
-
-    penalty_unit: Annotated[Literal["residual", "absolute"], READING] = "residual"
-    """Unit of transient_penalty (docs/method.md#residual-unit). residual: the median squared difference of a frame
-    to the temporary Gaussians at the end of the warm-up, or the median of that over the frames if that is larger;
-    it follows the camera's noise, blur, exposure and poses. absolute: squared sRGB difference in 0..1, as in the
-    paper; masks.stands_out has no effect then."""
-
-    residual: Annotated[Literal["mean", "sum"], READING] = "mean"
-    """Squared difference over R, G and B. mean: as in EgoLifter's code. sum: as in the paper's formula, equivalent
-    to a third of transient_penalty."""
 
     lr: Annotated[Positive, READING] = 0.001
     """Adam learning rate of the network. A weight moves by about as much an iteration: with the paper's 1e-5 and
@@ -69,14 +59,14 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     """Encoder weights of timm's mobilenetv3_small_050: published (EgoLifter's, from ImageNet, in the folder
     models.cache) or a .pt, .bin or .safetensors file. null starts from random weights."""
 
-    batch_norm: Annotated[Literal["train", "eval"], READING] = "train"
-    """Batch statistics of the trained network (docs/method.md#batch-norm). train: of the frame itself, as in
-    training. eval: running averages, as in EgoLifter, which were worse after 2,000 iterations."""
-
-    gaussians: Annotated[Literal["own", "egolifter"], READING] = "own"
-    """How the temporary Gaussians are trained (docs/method.md#temporary-gaussians). own: few, of one color each, on
-    black, by a schedule that is scaled to the run, with initial points also where the tracker found none. egolifter:
-    as in EgoLifter, with 3DGS's schedule, cut off at the end of the run, and its opacity resets."""
+    recipe: Annotated[Literal["own", "paper"], READING] = "own"
+    """How the network and the temporary Gaussians are trained (docs/method.md#temporary-gaussians). own: the unit of
+    transient_penalty is the median squared difference of a frame to the Gaussians at the end of the warm-up, or the
+    median of that over the frames if that is larger: it follows the camera's noise, blur, exposure and poses. The
+    Gaussians are few, of one color each, on black, by a schedule that is scaled to the run; the network predicts by the
+    statistics of the frame itself. paper: the unit is the squared sRGB difference in 0..1, summed over R, G and B,
+    and masks.stands_out has no effect; the rest is as in EgoLifter, with 3DGS's schedule, cut off at the end of the
+    run, and running averages."""
 
     def stays_at_start(self) -> str | None:
         """Say that the network will call static pixels transient, and what to set; None if it is trained long enough."""

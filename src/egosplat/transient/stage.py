@@ -61,7 +61,7 @@ def run(
     log(f"{len(views)} training views of {views.camera.width} x {views.camera.height} pixels")
     objective = InitialObjective(net, options, views.device)
     # Temporary Gaussians need no intermediate evaluations.
-    once, kind = {"evaluate_every": options.iterations}, TEMPORARY[options.gaussians]
+    once, kind = {"evaluate_every": options.iterations}, TEMPORARY[options.recipe]
     gaussian_options = TrainingOptions.of(options, **once, **kind)
     state = begin(poses, views, gaussian_options, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
@@ -134,7 +134,7 @@ def _put_probability(
 ) -> float:
     """Predict every frame and store the probabilities; returns the mean over frames of what their own masks leave."""
     # In mode train, prediction changes the running statistics; they are stored already.
-    net.train(options.batch_norm == "train")
+    net.train(options.recipe == "own")
     count, height, width, _ = frames.shape("rgb")
     artifact.allocate("probability", (count, height, width))
     total = 0.0

@@ -31,7 +31,7 @@ def open_and_read(folder):
 def first_map(folder):
     """The annotations, and the instance map of the first frame."""
     reader = open_annotations("adt", folder, AnnotationKeys(pinhole(352)))
-    return reader, reader and reader.instance_map(CAPTURE_NS[0])
+    return reader, reader and reader.read(CAPTURE_NS[0])
 
 
 def test_the_sample_has_three_color_frames_in_the_lens_circle(full_size):
@@ -128,10 +128,10 @@ def test_instances_are_read_with_their_categories(annotations):
 
 
 def test_instance_maps_belong_to_their_frames_only(annotations, full_size):
-    maps = [annotations.instance_map(time) for time in CAPTURE_NS]
+    maps = [annotations.read(time) for time in CAPTURE_NS]
     assert maps[2] is None
     valid = full_size.valid
-    for one in maps[:2]:
+    for (one,) in maps[:2]:
         assert one.shape == (1408, 1408) and one.dtype == np.int32
         assert (one[~valid] == -1).all()
         assert (one[valid] == -1).mean() < 1e-3
@@ -141,8 +141,8 @@ def test_instance_maps_belong_to_their_frames_only(annotations, full_size):
 
 def test_a_segmentation_up_to_3_ms_older_or_newer_is_used(annotations):
     for time, sign in zip(ANNOTATION_NS, (-1, 1), strict=True):
-        assert annotations.instance_map(time + sign * 3_000_000) is not None
-        assert annotations.instance_map(time + sign * 3_000_001) is None
+        assert annotations.read(time + sign * 3_000_000) is not None
+        assert annotations.read(time + sign * 3_000_001) is None
 
 
 def test_without_the_people_segmentation_the_plain_one_is_read(copy, capfd):

@@ -41,7 +41,7 @@ def read_annotations(format: str, recording: Path) -> tuple[list, list]:
     """The instances, and the instance maps of all frames."""
     capture = open_recording(format, recording, OPTIONS)
     reader = open_annotations(format, recording, AnnotationKeys(capture.camera, True))
-    return reader.instances, [reader.instance_map(int(time)) for time in capture.timestamp_ns]
+    return reader.instances, [reader.read(int(time)) for time in capture.timestamp_ns]
 
 
 def annotate(recording: Path, names: tuple[str, str]) -> None:

@@ -42,7 +42,7 @@ def images(tmp_path):
 def maps(path):
     times = open_recording(path, OPTIONS).timestamp_ns
     annotations = open_annotations("plain", path, AnnotationKeys(CAMERA))
-    return [annotations.instance_map(int(time)) for time in times]
+    return [annotations.read(int(time)) for time in times]
 
 
 def test_images_have_the_annotation_of_their_name(images):

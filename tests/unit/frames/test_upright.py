@@ -104,5 +104,5 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
         assert (image == next(lying.read_frames(np.array([0])))).all()
     keys = [AnnotationKeys(lying.camera, upright) for upright in (True, False)]
     time = int(lying.timestamp_ns[0])
-    turned, sensor = (open_annotations("adt", sample, each).instance_map(time) for each in keys)
+    turned, sensor = (open_annotations("adt", sample, each).read(time) for each in keys)
     assert (turned == sensor).all()

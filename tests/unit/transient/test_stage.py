@@ -25,7 +25,7 @@ def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, 
 
 def test_artifact_holds_the_expected_facts_and_inputs_and_the_network(scene):
     folder = scene(registered=np.arange(6) != 5)
-    transient = run(folder, batch_norm="eval")
+    transient = run(folder, recipe="paper")
     assert transient.origin == "synthetic"
     assert set(transient.provenance["inputs"]) == {"frames.zarr", "poses.zarr"}
     assert transient.facts["views"] == 4 and transient.facts["working_size"] == [32, 32]
