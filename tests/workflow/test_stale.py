@@ -49,7 +49,7 @@ transient: {encoder_weights: null}
         ("poses: {trajectory: ground_truth}", AFTER_POSES),
         ("poses: {method: colmap}", AFTER_POSES),
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
-        ("instances: {source: both}", AFTER_INSTANCES),
+        ("instances: {merge_iou: 0.5}", AFTER_INSTANCES),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
         ("features: {mad_k: 2.5}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),

@@ -11,10 +11,10 @@ from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, Near
 class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOptions):
     """Instances that hold in 3D, merged from the masks of segments.zarr (docs/method.md#instances-3d)."""
 
-    source: Literal["auto", "tracks", "masks", "both"] = "auto"
+    source: Literal["auto", "tracks", "masks"] = "auto"
     """What becomes an instance. tracks: the tracks of segments.zarr, unchanged, as in the paper. masks: the masks
-    of each frame, merged where they cover the same surfaces; tracks are ignored. both: tracks, cut where
-    consecutive masks disagree, then merged. auto: masks if segments.prompting is each_frame, else tracks."""
+    of each frame, merged where they cover the same surfaces; tracks are ignored. auto: masks if
+    segments.prompting is each_frame, else tracks."""
 
     resolution: Annotated[int, Field(ge=32)] = 256
     """Longer side in pixels at which masks are lifted onto Gaussians and rendered. Larger keeps finer

@@ -1,13 +1,11 @@
 """Things of one level: runs of masks, merged, without masks and things that contradict the others."""
 
-from itertools import pairwise
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
-from egosplat.instances.merging import COMMON, merge
+from egosplat.instances.merging import merge
 from egosplat.instances.options import InstancesOptions
 
 Ints = NDArray[np.int64]
@@ -19,9 +17,6 @@ _FEW_MASKS = 3
 _SURE_FRAMES = 3
 """Frames with a mask of a thing from which its masks count in full: a single wrong mask must not displace what many frames show."""
 
-# With the source ``both``, a track is cut between two masks that overlap less, on what both frames have seen.
-_CUT_IOU = 0.5
-
 # A mask that overlaps its own instance less has no vote, if the instance has other masks.
 _DROP_IOU = 0.3
 
@@ -29,14 +24,12 @@ _DROP_IOU = 0.3
 _CLAIMED = 0.5
 
 
-def find_things(
-    masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions
-) -> tuple[Ints, dict[str, int]]:
+def find_things(masks: LiftedMasks, weight: Floats, keys: InstancesOptions) -> tuple[Ints, dict[str, int]]:
     """(V,) thing that each mask of one level shows, numbered 0 to K - 1, -1 for a mask without a vote; and
-    counts. ``run`` (V,) are masks that are one thing already; ``weight`` (N,) is that of each Gaussian in an
-    IoU."""
-    merged = merge(masks, run, weight, keys)
-    thing = merged[run] if len(run) else run
+    counts. ``weight`` (N,) is that of each Gaussian in an IoU."""
+    # Each mask by itself, in the order of frames.
+    run = np.argsort(np.argsort(masks.frame, kind="stable"), kind="stable")
+    thing = merge(masks, run, weight, keys)[run]
     dropped = _outlier_masks(masks, thing, keys)
     thing = np.where(dropped, -1, thing)
     claimed = _claimed_things(masks, thing, weight, keys)
@@ -44,41 +37,11 @@ def find_things(
     names = np.unique(thing[thing >= 0])
     counts = {
         "masks": len(masks.instance),
-        "runs": len(merged),
         "dropped": int(dropped.sum()),
         "claimed": len(claimed),
         "things": len(names),
     }
     return np.where(thing < 0, -1, np.searchsorted(names, thing)), counts
-
-
-def single_masks(masks: LiftedMasks) -> Ints:
-    """(V,) each mask as a run of its own."""
-    return np.argsort(np.argsort(masks.frame, kind="stable"), kind="stable")
-
-
-def cut_tracks(masks: LiftedMasks, keys: InstancesOptions) -> Ints:
-    """(V,) runs of consecutive masks of a track; a track is cut where two consecutive masks disagree."""
-    run = np.zeros(len(masks.instance), np.int64)
-    for last, mask in pairwise(np.lexsort((masks.frame, masks.instance)).tolist()):
-        same = masks.instance[last] == masks.instance[mask] and _agree(masks, last, mask, keys)
-        run[mask] = run[last] + (not same)
-    # Numbered by first frame, as merging expects.
-    first = np.full(run.max(initial=-1) + 1, len(masks.row))
-    np.minimum.at(first, run, masks.frame)
-    return np.argsort(np.argsort(first, kind="stable"), kind="stable")[run]
-
-
-def _agree(masks: LiftedMasks, one: int, other: int, keys: InstancesOptions) -> bool:
-    """Whether two masks hold the same of what both frames have seen, and have seen enough in common."""
-    seen, also = masks.seen_at(masks.frame[one]), masks.seen_at(masks.frame[other])
-    first, second = masks.members(one, seen, keys.inside), masks.members(other, also, keys.inside)
-    both = np.where(np.minimum(seen, also) >= LEAST_SEEN, np.minimum(seen, also), 0.0)
-    shared = both[np.intersect1d(first, second, assume_unique=True)].sum()
-    mine, its = both[first].sum(), both[second].sum()
-    smaller = min(seen[first].sum(), also[second].sum())
-    union = mine + its - shared
-    return max(mine, its) >= COMMON * smaller and union > 0 and shared >= _CUT_IOU * union
 
 
 def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> NDArray[np.bool_]:

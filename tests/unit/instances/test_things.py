@@ -6,18 +6,17 @@ from scipy import sparse
 
 from egosplat.instances.merging import Runs, agglomerate
 from egosplat.instances.options import InstancesOptions
-from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
+from egosplat.instances.things import beliefs, find_things
 from tests.unit.instances.conftest import lifted, options
 
 TABLE, CUP, WALL = [0, 1, 2, 3], [4, 5], [6, 7, 8, 9]
 ALL = [*TABLE, *CUP, *WALL]
 
 
-def things(masks, *, cut: bool = False, **changes: object) -> list[int]:
+def things(masks, **changes: object) -> list[int]:
     """The instance of each mask."""
-    keys = options(**changes)
-    run = cut_tracks(masks, keys) if cut else single_masks(masks)
-    return find_things(masks, run, np.ones(masks.seen.shape[1], np.float32), keys)[0].tolist()
+    weight = np.ones(masks.seen.shape[1], np.float32)
+    return find_things(masks, weight, options(**changes))[0].tolist()
 
 
 @pytest.mark.parametrize(
@@ -40,12 +39,11 @@ def test_too_small_a_common_part_is_no_evidence(monkeypatch, least, expected):
     assert things(lifted(seen, [0, 1], seen)) == expected
 
 
-def test_a_mask_that_contradicts_its_track_has_no_vote(monkeypatch):
-    """In one frame the table's track holds the wall: with the source masks it merges with neither."""
-    masks = lifted([TABLE, TABLE, TABLE, WALL, TABLE], [*range(5)], [ALL] * 5, instance=[0] * 5)
-    assert things(masks, cut=True) == [0, 0, 0, 1, 0]
-    monkeypatch.setattr("egosplat.instances.things._CUT_IOU", 0.0)
-    assert things(masks, cut=True) == [0, 0, 0, -1, 0]
+def test_a_mask_that_contradicts_its_thing_has_no_vote(monkeypatch):
+    masks = lifted([TABLE, TABLE, TABLE, [0, *WALL]], [*range(4)], [ALL] * 4)
+    assert things(masks, merge_iou=0.1) == [0, 0, 0, -1]
+    monkeypatch.setattr("egosplat.instances.things._DROP_IOU", 0.0)
+    assert things(masks, merge_iou=0.1) == [0, 0, 0, 0]
 
 
 def test_an_instance_that_others_hold_already_is_dropped(monkeypatch):
