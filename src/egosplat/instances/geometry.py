@@ -54,7 +54,7 @@ def train_geometry(
         for chosen in (training, np.zeros_like(training))
     )
     options = TrainingOptions.of(keys, evaluate_every=keys.iterations, **_FEW)
-    state = begin(poses, views, options, L1Ssim(ssim_lambda=0.2), keys)
+    state = begin(poses, views, options, L1Ssim(options.ssim_lambda), keys)
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
         resume_and_train(state, ViewSets(views, held_out=none), options, Checkpoint(output, key))

@@ -51,7 +51,7 @@ class TrainedScene:
 
     def rendered(self, camera: Camera, camera_to_world: Array) -> Tensor:
         """The (H, W, 3) colors on the device, which may exceed 1."""
-        how = {"sh_degree": self.sh_degree, "background": self.settings.still_background}
+        how = {"sh_degree": self.sh_degree, "background": self.settings.color_behind}
         return render(self.gaussians, camera, camera_to_world, self.settings, **how)[0][..., :3]
 
     def at(self, rests: Rests | None, second: float | None) -> "TrainedScene":

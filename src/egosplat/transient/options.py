@@ -18,9 +18,7 @@ from egosplat.pipeline.shared_options import (
 # them transient. View-dependent color could fit what moves. EgoLifter has no limits; memory has.
 TEMPORARY = {
     "own": {"max_points": 20_000, "max_gaussians": 60_000, "grow_grad2d": 2e-5},
-    "paper": {"max_points": 1_000_000, "densify_init": False, "max_gaussians": 5_000_000, "sh_degree": 3}
-    | {"reset_opacity": 0.01, "reset_at_start": True, "prune_screen_px": 20.0, "cuts_schedule": True}
-    | {"background": "white"},
+    "paper": {"max_points": 1_000_000, "max_gaussians": 5_000_000, "sh_degree": 3, "cuts_schedule": True},
 }
 
 # Learning rate times trained iterations from which static pixels reach a low probability (benchmarks/ablation/README.md).

@@ -61,8 +61,8 @@ def run(
     log(f"{len(views)} training views of {views.camera.width} x {views.camera.height} pixels")
     objective = InitialObjective(net, options, views.device)
     # Temporary Gaussians need no intermediate evaluations.
-    once, kind = {"evaluate_every": options.iterations}, TEMPORARY[options.recipe]
-    gaussian_options = TrainingOptions.of(options, **once, **kind)
+    keys = {"evaluate_every": options.iterations} | TEMPORARY[options.recipe]
+    gaussian_options = TrainingOptions.of(options, options.recipe, **keys)
     state = begin(poses, views, gaussian_options, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     # Sums over several threads on a CPU would differ from run to run.
