@@ -59,7 +59,7 @@ def test_what_tells_nothing_of_an_answer_is_left_out():
             ("a", "pillow", 0, 0, None, 0.0),
             ("b", "pillow", 0, 0, None, 0.0),
         ],
-        columns=["scene", "phrase", "present", "untaught", "right", "lead"],
+        columns=["scene", "phrase", "present", "untaught", "right", "fit"],
     )
     assert judged(rows)[["phrase", "true"]].values.tolist() == [
         ["couch", 1.0],

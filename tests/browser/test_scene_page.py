@@ -172,12 +172,10 @@ def test_an_answer_is_that_of_python(scene, page_scene, data, clip, words):
     instance = torch.from_numpy(arrays["instance"].T.astype(np.int64)) - 1
     sizes = replace(open_scene(page_scene).asked.sizes, instance=instance)
     known = QueryScene(None, None, None, 0, code, share, decoder, facts["levels"], sizes=sizes)
-    texts, names = (encode_texts(clip, phrases, options.canonical) for phrases in ([words], facts["words"]))
-    [values] = known.relevancy(texts, options).numpy()
+    [values] = known.relevancy(encode_texts(clip, [words], options), options).numpy()
     things = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
     grading = grading_of(CLIP_HASH, options)
-    evidence = measure_evidence(known, surface, things, texts, names, options)
-    ratings = list(map(grading.calibration.probability, evidence))
+    ratings = list(map(grading.calibration.probability, measure_evidence(things)))
     found = scene().evaluate(ASK, words)
     assert (found["score"], found["rating"]) == pytest.approx((things[0].score, ratings[0]), abs=1e-3)
     assert found["grade"] == grading.grade(ratings[0])
@@ -216,14 +214,14 @@ def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
 
 def test_the_list_of_what_is_here_goes_to_each_thing_and_tells_what_is_carried(scene_in_time):
     page = scene_in_time().page
-    assert page.inner_text("#inventory summary") == "What is here (3)"
+    assert page.inner_text("#inventory summary") == "What is here (4)"
     page.click("#inventory summary")
     names = page.locator("#catalog b").all_inner_texts()
-    assert names == ["cup", "couch", "cup"]
+    assert names == ["cup", "couch", "wall", "cup"]
     page.locator("#catalog button").nth(0).click()
     page.locator("#mark span", has_text=re.compile(r"^cup")).wait_for()
     assert page.inner_text("#answer") == "cup" and not page.locator("#heat").is_visible()
-    page.locator("#catalog button").nth(2).click()
+    page.locator("#catalog button").nth(3).click()
     page.locator("#history button", has_text="Carried").first.wait_for()
 
 

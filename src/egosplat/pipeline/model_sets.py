@@ -18,7 +18,7 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "view_features": {"cut": "hull"},
     "features": {"mismatched_views": "keep_own"},
     "transient": {"encoder_weights": None},
-    "query": {"temperature": 10.0, "min_score": 0.78, "size_weight": 0.25},
+    "query": {"temperature": 10.0, "min_score": 0.78, "size_weight": 0.25, "name_weight": 0.5},
 }
 _OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 
@@ -30,7 +30,7 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     PHOTOS: _OF_SMALL
     | {
         "models": _OF_SMALL["models"] | {"clip_model": PHOTOS, "clip_checkpoint": PHOTOS},
-        "query": {"temperature": 10.0, "min_score": 0.62, "size_weight": 0.0},
+        "query": {"temperature": 10.0, "min_score": 0.62, "size_weight": 0.0, "name_weight": 0.0},
     },
     PUBLISHED: {
         "models": _OF_THE_PAPER | dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), PUBLISHED),
@@ -38,7 +38,7 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
         "view_features": {"cut": "mask"},
         "features": {"mismatched_views": "average"},
         "transient": {"encoder_weights": PUBLISHED},
-        "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0},
+        "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0, "name_weight": 0.0},
     },
 }
 

@@ -20,8 +20,8 @@ class Evidence:
 
     # Logarithm of its share of the view that shows it best.
     size: float
-    # Log-odds of its mean relevancy, less those of the best word of ``words_to_try`` that means something else.
-    lead: float
+    # Log-odds of its score.
+    fit: float
     # Its score less the best score of another thing that matches the query; 0 stands for none.
     apart: float
 

@@ -298,9 +298,8 @@ class Scene:
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""
         [phrase], grading = query.phrases, self.grading(options)
-        fit, compared = grading.calibration, (query, self._words, options)
-        evidence = grades.measure_evidence(self.asked, self.surface, things, *compared)
-        pairs = zip(things, evidence, strict=True)
+        fit = grading.calibration
+        pairs = zip(things, grades.measure_evidence(things), strict=True)
         things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
         coded = bool(things) or bool((self.trained.share > 0).any())
         answer = grades.judge(phrase, things, explain_untaught(self.clip, phrase), grading, most, coded)
@@ -317,7 +316,7 @@ class Scene:
 
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
         """Encode phrases, each once, and the canonical phrases. Raises as ``ask``."""
-        return encode_texts(self.clip, list(dict.fromkeys(phrases)), (options or self.options).canonical)
+        return encode_texts(self.clip, list(dict.fromkeys(phrases)), options or self.options)
 
     def asker(self, phrases: Iterable[str]) -> Asker:
         """Encode phrases to ask them of many views, and compare them with the Gaussians once. Raises as ``ask``."""

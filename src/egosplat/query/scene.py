@@ -100,11 +100,11 @@ class QueryScene(TrainedScene):
             return found
         return self.sizes.weigh(found, texts.phrases, options.size_weight)
 
-    def part(self, rows: Tensor | slice, levels: slice) -> "QueryScene":
-        """The scene with the codes of some Gaussians at some levels."""
-        code, share = self.code[rows][:, levels], self.share[rows][:, levels]
-        sizes = self.sizes and replace(self.sizes, instance=self.sizes.instance[rows][:, levels])
-        return replace(self, code=code, share=share, levels=self.levels[levels], sizes=sizes)
+    def of_level(self, level: int) -> "QueryScene":
+        """The scene with the codes of one level."""
+        code, share, levels = self.code[:, [level]], self.share[:, [level]], [self.levels[level]]
+        sizes = self.sizes and replace(self.sizes, instance=self.sizes.instance[:, [level]])
+        return replace(self, code=code, share=share, levels=levels, sizes=sizes)
 
 
 def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:

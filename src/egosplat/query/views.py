@@ -73,9 +73,7 @@ class Asker:
         if options.readout == "gaussians" and not scene.maps_only:
             self.own, self.rests = scene.relevancy(texts, options).permute(2, 1, 0), rests
         if self.rests is not None:
-            feature = self.rests.feature
-            queries, canonical = texts.queries.to(feature), texts.canonical.to(feature)
-            self.of_things = relevancy(feature, queries, canonical, options.temperature)
+            self.of_things = relevancy(self.rests.feature, texts, options.temperature)
 
     def ask(
         self,
@@ -215,8 +213,7 @@ def show_thing(
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
     filled, _ = composite(gaussians_in(scene.gaussians, small, camera_to_world, scene.settings), members)
     mask = _filled_mask(filled[..., 0].cpu().numpy(), valid)
-    of_level = scene.part(slice(None), slice(level, level + 1))
-    [match] = Asker(of_level, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
+    [match] = Asker(scene.of_level(level), texts, options).ask(texts.phrases, camera, camera_to_world, valid)
     pixel, name = innermost(mask) if mask.any() else None, thing.level
     place = {"level": name, "pixel": pixel, "position": None, "mask_level": name, "mask": mask}
     return replace(match, score=thing.score, **place)

@@ -19,6 +19,7 @@ from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query import grades
 from egosplat.query.finished_scene import Scene, scene_of
+from egosplat.query.text import PARTS, SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.gaussians import (
@@ -99,11 +100,11 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
     grading = scene.grading(options)
     raster = {"margin": FRUSTUM_MARGIN, "blur": Arguments.__dataclass_fields__["eps2d"].default}
-    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
+    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score", "name_weight")
     limits = {"calibration": grading.calibration and asdict(grading.calibration), "notice": grading.notice}
     limits |= {"found": grades.LEAST_FOUND, "guess": grades.LEAST_GUESS, "nearest": NEAREST, "reach": REACH}
     limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "apart": APART, "fits": grades.LEAST_FIT}
-    limits |= {"synonym": grades.SYNONYM, "parts": grades.PARTS}
+    limits |= {"synonym": SYNONYM, "parts": PARTS}
     return {
         "origin": joint_origin(scene.given),
         "recording": scene.artifact("frames").facts["recording"],
