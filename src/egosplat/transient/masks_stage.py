@@ -34,7 +34,7 @@ _MASKS_THAT_HOLD = 3
 def transient_instances(scores: Scores, pixels: NDArray[np.int64], threshold: float) -> NDArray[np.bool_]:
     """(N,) the set D: instances of all levels with at least one pixel and a score of at least ``threshold``."""
     # An instance without pixels has the score 0, which reaches a threshold of 0.
-    return (scores >= threshold) & (pixels > 0)
+    return np.asarray(scores >= threshold) & (pixels > 0)
 
 
 def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
