@@ -30,7 +30,9 @@ def judged(rows: pd.DataFrame) -> pd.DataFrame:
     told = rows["right"].notna() | ((rows["present"] == 0) & ~np.array(is_part, bool))
     kept = rows[(rows["untaught"] == 0) & rows["apart"].notna() & told]
     # Rows of earlier texts have other evidence.
-    return kept.assign(fit=kept["score"].map(log_odds), true=kept["right"].astype(float).fillna(0.0) * kept["present"])
+    return kept.assign(
+        fit=kept["score"].map(log_odds), true=kept["right"].astype(float).fillna(0.0) * kept["present"]
+    )
 
 
 def errors(rows: pd.DataFrame) -> tuple[float, float]:
