@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from egosplat.gaussians.training_views import Mask, Views, read_views
 from egosplat.instances.options import InstancesOptions
 
 # Comparing masks needs surfaces, not texture: fewer Gaussians than a render, of one color each.
-_FEW = {"max_points": 40_000, "max_gaussians": 60_000}
+_FEW: dict[str, Any] = {"max_points": 40_000, "max_gaussians": 60_000}
 
 
 @dataclass(frozen=True, eq=False)
