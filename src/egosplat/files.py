@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError, user_message
+from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError, reraise_as, user_message
 
 
 @contextlib.contextmanager
@@ -98,6 +98,16 @@ def user_cache() -> Path:
     """The user's folder of what egosplat can make again: below ``XDG_CACHE_HOME``, or ``~/.cache``."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "egosplat"
+
+
+def read_users_json(path: Path, advice: str = "") -> Any:
+    """The content of a user's JSON file (UserError: it cannot be read; ends with the advice)."""
+
+    def told(error: Exception) -> UserError:
+        return UserError(f"{path}: cannot be read as JSON ({error}).{advice}")
+
+    with reraise_as(told, (OSError, ValueError)):
+        return read_json(path)
 
 
 def read_json(path: Path) -> Any:

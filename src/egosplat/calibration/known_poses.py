@@ -5,16 +5,26 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from egosplat.calibration.colmap_model import Contents, read_model
-from egosplat.calibration.files import KNOWN_POSES, known_poses_path, present_known_poses
+from egosplat.calibration.files import (
+    AUTO,
+    KNOWN_POSES,
+    OTHER_PICTURES,
+    PICTURES,
+    known_poses_path,
+    other_poses,
+    present_known_poses,
+)
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.geometry import is_rigid
+from egosplat.progress import log
 
 # A rotation that was written with few digits is made orthonormal up to this deviation.
 _MAX_DEVIATION = 1e-3
@@ -23,11 +33,6 @@ _MAX_NAMES = 3
 # Share of the cameras by which the size of the scene is told, and the farthest from the origin in units of it: float32 then
 # still tells a pixel from the next.
 _MOST, _MAX_REACH = 0.9, 1e4
-# Not every end after a dot is an extension: ``frame.0001``.
-_EXTENSIONS = (
-    *(".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl"),
-    *(".exr", ".ppm", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
-)
 
 
 def find_known_poses(recording: Path, wanted: str) -> str | None:
@@ -41,6 +46,8 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
         folder = recording if recording.is_dir() else recording.parent
         names = " and ".join(os.path.relpath(known_poses_path(recording, kind), folder) for kind in present)
         raise UserError(f"{recording}: has {names}. Choose with frames.known_poses={' or '.join(present)}.")
+    if wanted == AUTO and not present and recording.is_dir() and (told := other_poses(recording)):
+        log(told)
     return present[0] if present else None
 
 
@@ -138,6 +145,7 @@ def _number_of(name: str) -> int | None:
 
 def _parts(name: str) -> tuple[str, ...]:
     """The folders and the name of a picture, without its extension."""
-    base = PurePosixPath(name.replace("\\", "/"))
-    known = base.suffix.lower() in _EXTENSIONS
+    base = PurePosixPath(normalize("NFC", name).replace("\\", "/"))
+    # Not every end after a dot is an extension: ``frame.0001``.
+    known = base.suffix.lower() in (*PICTURES, *OTHER_PICTURES)
     return (*base.parts[:-1], base.stem if known else base.name)

@@ -9,7 +9,7 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 
 from egosplat.calibration.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_video, find_segmentation
 from egosplat.errors import UserError
-from egosplat.files import read_json
+from egosplat.files import read_users_json
 from egosplat.frames.adt import RGB_STREAM, open_video, open_vrs, read_checked, rectification
 from egosplat.frames.recording import MAX_AGE_NS, AnnotationKeys, Annotations, Instance, check_instance
 from egosplat.frames.rectify import Rectification
@@ -64,12 +64,7 @@ def _index_of(ids: NDArray[Any], listed: NDArray[np.uint64], path: Path) -> NDAr
 
 def read_instances(path: Path) -> list[Instance]:
     """Read ``instances.json``, sorted by id; UserError if it is unreadable, or an entry lacks a field or has a bad value."""
-    try:
-        entries = read_json(path)
-    except FileNotFoundError as error:
-        raise UserError(f"{path}: not found. Download this file of the recording.") from error
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
+    entries = read_users_json(path, " Download this file of the recording again.")
     if not isinstance(entries, dict) or not entries:
         raise UserError(f"{path}: has no instances. Download it again.")
     instances: dict[int, Instance] = {}

@@ -14,6 +14,7 @@ from egosplat.calibration.files import (
     intrinsics_files,
     sequence_parts,
 )
+from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.frames.images import read_rgb
 from egosplat.frames.options import FramesOptions
@@ -92,11 +93,10 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
     upper = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 0]], dtype=bool)
     if matrix.shape == (3, 3) and np.allclose(matrix[~upper], [0, 0, 0, 0, 1], atol=1e-6):
         matrix[:2, 2] += _OPENCV_PIXEL_OFFSET
-        camera = Camera.from_matrix(matrix, width, height)
-        if np.isfinite(matrix).all() and min(camera.fx, camera.fy) > 0 and camera.contains(matrix[:2, 2]):
-            return camera
+        lens = Lens("PINHOLE", width, height, (*matrix.diagonal()[:2].tolist(), *matrix[:2, 2].tolist()))
+        return lens.check(str(path)).pinhole
     form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
-    raise UserError(f"{path}: no intrinsics {form} with (cx, cy) in the {width}x{height} px video.")
+    raise UserError(f"{path}: no intrinsics {form} of the {width}x{height} px video.")
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:

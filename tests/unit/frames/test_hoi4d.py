@@ -98,11 +98,10 @@ def test_the_meaning_of_labels_depends_on_the_category(root):
 @pytest.mark.parametrize(
     "matrix, problem",
     [
-        (np.eye(4), "no intrinsics"),
-        (np.full((3, 3), np.nan), "no intrinsics"),
-        (np.zeros((3, 3)), "no intrinsics"),
+        *((matrix, "no intrinsics") for matrix in (np.eye(4), np.full((3, 3), np.nan), np.zeros((3, 3)))),
         (MATRIX + np.array([[0, 9, 0], [0, 0, 0], [0, 0, 0]]), "no intrinsics"),
-        (MATRIX * [[30], [1], [1]], "in the 64x48 px video"),
+        (MATRIX * [[30], [1], [1]], "of 64x48 px"),
+        (MATRIX * [[1e-3], [1e-3], [1]], "in pixels"),
         (np.array(["a", "b"]), "not a readable NumPy array"),
         (np.array([{"fx": 1}], dtype=object), "not a readable NumPy array"),
     ],

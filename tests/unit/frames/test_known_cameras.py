@@ -80,7 +80,7 @@ def folder(tmp_path):
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
 @pytest.mark.parametrize("orientation", [2, 3, 6])
 @pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (WIDTH, WIDTH)])
-def test_pictures_lie_as_their_files_have_them(tmp_path, kind, orientation, size):
+def test_pictures_lie_as_their_files_have_them(tmp_path, capsys, kind, orientation, size):
     """COLMAP, hloc and nerfstudio ignore EXIF orientation, so it would contradict their poses."""
     image = picture(*size)
     for name in NAMES:
@@ -88,6 +88,7 @@ def test_pictures_lie_as_their_files_have_them(tmp_path, kind, orientation, size
     write_known(tmp_path, kind, NAMES, *size)
     (shown,) = open_recording(tmp_path, OPTIONS).read_frames(np.array([2]))
     np.testing.assert_array_equal(shown, image)
+    assert (orientation == 6) == ("as they are stored" not in capsys.readouterr().err)
     (turned,) = open_recording(tmp_path, OPTIONS.change(known_poses="none")).read_frames(np.array([2]))
     assert turned.shape != image.shape or (turned != image).any()
 
@@ -214,6 +215,8 @@ LAYOUTS = {
     "two folders": ("cam{}/1.png", "cam{}/1.png"),
     "COLMAP's project": ("{}.png", "images/{}.png"),
     "Windows": (".\\images\\{}.png", "images/{}.png"),
+    "Windows, from elsewhere": ("./..\\data\\rgb/{}.png", "data/rgb/{}.png"),
+    "another computer, whose letters are whole": ("/home/me/k\u00fcche/{}.png", "ku\u0308che/{}.png"),
 }
 
 
