@@ -33,10 +33,9 @@ class ViewFeaturesOptions(ClipOptions, DeviceOptions):
 class FeaturesOptions(SeedOptions):
     """Aggregation of each instance's view features into one consistent feature, and compression to codes."""
 
-    mad_norm: Annotated[Literal["element", "euclidean", "cosine", "none"], READING] = "element"
+    mad_norm: Annotated[Literal["element", "none"], READING] = "element"
     """Distance of a view from the median of its instance's views (docs/method.md#deviation). element: each channel
-    by itself. euclidean: length of the difference. cosine: 1 - cosine. none: no outlier test, a plain mean. With
-    imperfect tracks element identifies most objects correctly (benchmarks/aggregation/README.md)."""
+    by itself. none: no outlier test, a plain mean."""
 
     mad_k: Annotated[float, Field(ge=1), READING] = 3.0
     """Outlier limit in units of the median absolute deviation. The paper uses 3. Lower rejects more views; higher

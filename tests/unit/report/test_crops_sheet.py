@@ -82,7 +82,7 @@ def test_the_number_above_a_crop_decides_whether_it_is_struck_out(tmp_path, draw
     else:
         # Both are rounded to two decimals.
         assert len(struck[True]) >= 3 and min(struck[True]) >= -0.01
-        assert norm != "element" or max(struck[False]) <= 0.01
+        assert max(struck[False]) <= 0.01
 
 
 def choose(counts: list[int], outliers: dict[int, int], meaning: list[int], level: list[int]) -> list[int]:

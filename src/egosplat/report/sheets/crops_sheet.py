@@ -25,8 +25,6 @@ OFTEN = 0.5
 # What the number above each crop is, by ``features.mad_norm``; it decides whether the view is an outlier.
 NUMBERS = {
     "element": "the share of feature channels that disagree with the other views",
-    "euclidean": "its distance to the median of all views",
-    "cosine": "1 - its cosine to the median of all views",
     "none": "no number, because every view counts",
 }
 
