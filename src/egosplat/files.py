@@ -46,6 +46,21 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
+def alone(mark: Path, what: str) -> Iterator[None]:
+    """Let one process at a time make ``what``; the file ``mark`` is there meanwhile (UserError: names the process that does)."""
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    mark.touch()
+    try:
+        with _locked(mark):
+            mark.write_text(str(os.getpid()))
+            yield
+            mark.unlink()
+    except BlockingIOError:
+        told = f"process {mark.read_text()} is making it; wait for it, or end it: kill {mark.read_text()}"
+        raise UserError(f"{what}: {told}") from None
+
+
+@contextlib.contextmanager
 def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]:
     """Yield an empty directory below ``parent``, or the system's for temporary files, that is removed when the block ends.
 

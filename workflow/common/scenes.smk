@@ -1,9 +1,17 @@
 """The table of scenes, the locks of a Snakemake that was killed, and the beginning of every shell command."""
 
 from egosplat.pipeline.config import resolve
-from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
+from egosplat.pipeline.process_guards import (
+    STARTED_BY,
+    clear_stale_locks,
+    end_with_snakemake,
+)
 from egosplat.pipeline.scenes import default_scenes, find_scene, is_own
 from egosplat.pipeline.variants import read_scenes_with_presets
+
+# As a step ends with its Snakemake, Snakemake ends with the egosplat run that started it.
+end_with_snakemake()
+os.environ.pop(STARTED_BY, None)  # jobs on other machines start with this environment
 
 presets = find_home(PRESETS)
 settings = or_exit(resolve, config, presets)
