@@ -18,7 +18,7 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "view_features": {"cut": "hull"},
     "features": {"mismatched_views": "keep_own"},
     "transient": {"encoder_weights": None},
-    "query": {"temperature": 10.0, "min_score": 0.78, "size_weight": 0.25, "name_weight": 0.5},
+    "query": {"temperature": 10.0, "min_score": 0.7, "size_weight": 0.25, "name_weight": 0.5},
 }
 _OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 

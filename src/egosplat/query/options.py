@@ -66,7 +66,7 @@ class QueryOptions(Options, section="query"):
     """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'
     size. Time and memory per view grow with its square; smaller locates small objects less exactly."""
 
-    min_score: Share = 0.78
+    min_score: Share = 0.7
     """Smallest score, 0 to 1, of an answer that is found, where no calibration holds: in a single view, with models
     that have none, and with another value than this (docs/method.md#grades). A score of 0.5 means as similar as the
     best canonical phrase. 0 accepts everything. docs/models.md has the value of each set of models."""
