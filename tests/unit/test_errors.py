@@ -67,6 +67,7 @@ def system(number: int, *file: str) -> OSError:
     [
         (UserError("config.yaml: has no key 'a'"), "", "config.yaml: has no key 'a'"),
         (UserError("out of memory"), "", "out of memory"),
+        (UserError("(https://me:pw@hub.org/a?token=pw) b"), "", "(https://...@hub.org/a?...) b"),
         (MemoryError(), "memory", NONE_LEFT),
         (system(errno.ENOMEM), "memory", NONE_LEFT),
         *(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from egosplat.errors import UserError
+from egosplat.errors import UserError, without_secrets
 
 # The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages; the paper's. The last is
 # also the value of a checkpoint's key that stands for the published checkpoint of the configured architecture.
@@ -69,8 +69,8 @@ class PublishedModel(NamedTuple):
 
     @property
     def address(self) -> str:
-        """Where the file is fetched from."""
-        return f"{hub()}/{self.repository}/resolve/{self.revision}/{self.remote}"
+        """Where the file is fetched from, without a password."""
+        return without_secrets(f"{hub()}/{self.repository}/resolve/{self.revision}/{self.remote}")
 
 
 # The digests of SAM2.1 are those of the same files on Meta's server; the others are on the files' pages of the hub. No digest
