@@ -44,7 +44,7 @@ def test_every_key_of_the_preset_and_of_its_models_is_in_the_table():
         for name in keys
     }
     expected |= {("", key) for key in FOLLOW}
-    assert len(expected) > 60 and expected <= set(rows())
+    assert len(expected) > 50 and expected <= set(rows())
 
 
 def test_no_preset_sets_a_key_that_follows_the_models():

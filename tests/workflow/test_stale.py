@@ -51,7 +51,7 @@ transient: {encoder_weights: null}
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
         ("instances: {merge_iou: 0.5}", AFTER_INSTANCES),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
-        ("features: {mad_k: 2.5}", AFTER_FEATURES),
+        ("features: {outlier_target: average}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),
         ("masks: {threshold: 0.5}", AFTER_SEGMENTS),  # the threshold of tracks, too
         ("masks: {max_share: 0.4}", AFTER_MASKS),

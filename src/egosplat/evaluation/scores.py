@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import seconds_of
 from egosplat.evaluation.evaluation_frames import Evaluation
-from egosplat.evaluation.intervals import IntervalOptions, cluster, clustered_interval
+from egosplat.evaluation.intervals import cluster, clustered_interval
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, instances_of, mask_of, read_layers
 from egosplat.frames.recording import Instance
@@ -61,9 +61,7 @@ def iou(predicted: Mask, target: Mask, valid: Mask) -> float:
     return float((predicted & target).sum() / (predicted | target).sum())
 
 
-def summarise(
-    categories: Sequence[str], scores: Sequence[Mapping[str, Result]], options: IntervalOptions
-) -> dict[str, dict[str, Any]]:
+def summarise(categories: Sequence[str], scores: Sequence[Mapping[str, Result]]) -> dict[str, dict[str, Any]]:
     """The entry ``scores`` of ``metrics.json``: of each of ``GROUPS``, from the category of each query and its ``score_query``.
 
     ``accuracy`` is the share of queries that hit, ``mean_iou`` a plain mean over queries, as in LangSplat
@@ -80,9 +78,9 @@ def summarise(
             "count": len(results),
             "categories": len(hits.counts),
             "accuracy": hits.mean,
-            "accuracy_interval": clustered_interval([hits], options),
+            "accuracy_interval": clustered_interval([hits]),
             "mean_iou": ious.mean,
-            "mean_iou_interval": clustered_interval([ious], options),
+            "mean_iou_interval": clustered_interval([ious]),
             "random_pixel": cluster([result.random_hit for result in results], asked).mean,
             "middle_pixel": cluster([result.middle_hit for result in results], asked).mean,
         }

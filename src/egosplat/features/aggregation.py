@@ -18,6 +18,9 @@ Bools = NDArray[np.bool_]
 
 NORMS = ("element", "none")
 
+# The paper's k. Lower rejects more views, higher keeps views of the wrong object.
+MAD_K = 3.0
+
 # Block size: 2 MiB of float64 fit into a processor's cache.
 _NUMBERS_AT_ONCE = 2**18
 

@@ -2,8 +2,6 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
-
 from egosplat.pipeline.options import READING, Auto, Count, Share
 from egosplat.pipeline.shared_options import ClipOptions, DeviceOptions, SeedOptions
 
@@ -36,10 +34,6 @@ class FeaturesOptions(SeedOptions):
     mad_norm: Annotated[Literal["element", "none"], READING] = "element"
     """Distance of a view from the median of its instance's views (docs/method.md#deviation). element: each channel
     by itself. none: no outlier test, a plain mean."""
-
-    mad_k: Annotated[float, Field(ge=1), READING] = 3.0
-    """Outlier limit in units of the median absolute deviation. The paper uses 3. Lower rejects more views; higher
-    keeps views of the wrong object. Values below 1 could reject all views and are not allowed."""
 
     supervision: Literal["average", "consistent", "view"] = "average"
     """Training target of the Gaussians. average: mean of the view's feature and the consistent feature, as in the

@@ -12,7 +12,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
-from egosplat.features.aggregation import Aggregate, aggregate
+from egosplat.features.aggregation import MAD_K, Aggregate, aggregate
 from egosplat.features.compression import SHARE, fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
@@ -43,7 +43,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     record = provenance.begin_from("features", options.as_dict(), [view_features])
     feature, instance = view_features.read("feature"), view_features.read("instance")
     level = view_features.read("instances/level")
-    found = aggregate(feature, instance, len(level), options.mad_norm, options.mad_k)
+    found = aggregate(feature, instance, len(level), options.mad_norm, MAD_K)
     consistent, supervision, mismatched = _supervision(feature, instance, found, options)
     settings = options.compression, options.dims, options.epochs, options.seed
     compressed = fit(supervision, *settings, least_cosine=_LEAST_COSINE)

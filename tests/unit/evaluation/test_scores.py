@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 
-from egosplat.evaluation.intervals import IntervalOptions
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import Query, categories
 from egosplat.evaluation.scores import iou, score_query, summarise
-
-OPTIONS = IntervalOptions(confidence=0.95, resamples=200, seed=0)
 
 
 @pytest.fixture
@@ -28,7 +25,7 @@ def answer(instance_map: np.ndarray, query: Query) -> tuple[tuple[int, int], np.
 def summary(queries, answers, layers, valid=None):
     how = layers, np.ones(layers.shape[1:], bool) if valid is None else valid
     scores = [score_query(query, *given, *how) for query, given in zip(queries, answers, strict=True)]
-    return summarise([query.category for query in queries], scores, OPTIONS)
+    return summarise([query.category for query in queries], scores)
 
 
 def test_perfect_answers_have_perfect_scores(instance_map, queries):

@@ -34,7 +34,7 @@ PENALTY = {"transient": {"transient_penalty": 0.1}}
 @pytest.mark.parametrize(
     "scene, keys, changed, shared",
     [
-        ({}, {"features": {"mad_k": 2.0}}, "features language", "view_features splats masks"),
+        ({}, {"features": {"epochs": 2}}, "features language", "view_features splats masks"),
         ({}, {"splats": {"masking": "none"}}, "splats language", "masks features instances segments"),
         ({}, {"splats": {"masking": "refined"}}, "splats", "segments features"),
         ({}, {"splats": {"iterations": 5}}, "splats language", "instances"),

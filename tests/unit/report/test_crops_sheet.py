@@ -48,7 +48,7 @@ def scene(folder, frames: int, instances: int, every_outlier: int, norm: str = "
     }
     clip = {"small": True, "model": "small", "checkpoint": "small"}
     facts = {"levels": ["part", "whole"], "clip": clip, "turned": False, "outliers": 1}
-    options = {"mad_norm": norm, "mad_k": 3.0, "cut": "hull"}
+    options = {"mad_norm": norm, "cut": "hull"}
     names = ["frames", "instances", "view_features", "features"]
     return put_scene(folder, names, arrays, facts, stage="frames", options=options, origin="real")
 
