@@ -54,7 +54,6 @@ def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
     names = ("scene.html", *(f"{name}.zarr" for name in STAGES["scene_page"].inputs))
     assert words[5:] == ["--config", "preset=draft", "--", *(f"results/mine/photos/{name}" for name in names)]
     assert scene.config["frames"]["stride"] == 2
-    # A second start names the first.
     with alone(scene.results / ".running", "a scene"), pytest.raises(UserError, match=f"kill {os.getpid()}"):
         make_scene(tmp_path / "photos")
     assert [str(path) for path in Path(".").rglob("*") if path.is_file()] == ["config/scenes.local.tsv"]
