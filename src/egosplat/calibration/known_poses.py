@@ -11,16 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.calibration import files
 from egosplat.calibration.colmap_model import Contents, read_model
-from egosplat.calibration.files import (
-    AUTO,
-    KNOWN_POSES,
-    OTHER_PICTURES,
-    PICTURES,
-    known_poses_path,
-    other_poses,
-    present_known_poses,
-)
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.geometry import is_rigid
@@ -36,17 +28,17 @@ _MOST, _MAX_REACH = 0.9, 1e4
 
 
 def find_known_poses(recording: Path, wanted: str) -> str | None:
-    """The kind of a recording's known poses, a key of ``KNOWN_POSES``, by ``frames.known_poses``; None
+    """The kind of a recording's known poses, a key of ``files.KNOWN_POSES``, by ``frames.known_poses``; None
     without any. UserError if the wanted file does not exist, or ``auto`` finds two."""
-    present = present_known_poses(recording, wanted)
-    if wanted in KNOWN_POSES and not present:
-        path = known_poses_path(recording, wanted)
+    present = files.present_known_poses(recording, wanted)
+    if wanted in files.KNOWN_POSES and not present:
+        path = files.known_poses_path(recording, wanted)
         raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
     if len(present) > 1:
         folder = recording if recording.is_dir() else recording.parent
-        names = " and ".join(os.path.relpath(known_poses_path(recording, kind), folder) for kind in present)
+        names = " and ".join(os.path.relpath(files.known_poses_path(recording, k), folder) for k in present)
         raise UserError(f"{recording}: has {names}. Choose with frames.known_poses={' or '.join(present)}.")
-    if wanted == AUTO and not present and recording.is_dir() and (told := other_poses(recording)):
+    if wanted == files.AUTO and not present and recording.is_dir() and (told := files.other_poses(recording)):
         log(told)
     return present[0] if present else None
 
@@ -55,7 +47,7 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
     """Read the known poses of a recording, of a kind from ``find_known_poses``. ``width`` and ``height`` are
     those of the full pictures [px], for a file that does not name them. UserError if the file is damaged, a
     camera is not supported, or a pose is not rigid or far from all others."""
-    path = known_poses_path(recording, kind)
+    path = files.known_poses_path(recording, kind)
     contents = read_model(path) if kind == "colmap" else read_transforms(path, width, height)
     for lens in contents.lenses:
         lens.check(f"{path}: {contents.names[contents.cameras.index(lens)]}")
@@ -147,5 +139,5 @@ def _parts(name: str) -> tuple[str, ...]:
     """The folders and the name of a picture, without its extension."""
     base = PurePosixPath(normalize("NFC", name).replace("\\", "/"))
     # Not every end after a dot is an extension: ``frame.0001``.
-    known = base.suffix.lower() in (*PICTURES, *OTHER_PICTURES)
+    known = base.suffix.lower() in (*files.PICTURES, *files.OTHER_PICTURES)
     return (*base.parts[:-1], base.stem if known else base.name)

@@ -4,6 +4,7 @@ For views F_j with channel-wise median F~ and deviations d_j from it, a view is 
 The paper leaves the deviation open (docs/method.md#deviation):
 
 - ``element``: |F_j - F~| in each channel separately, so each channel has its own inliers;
+- ``cosine``: 1 - cos(F_j, F~), of histories alone;
 - ``none``: every view is an inlier.
 """
 
@@ -13,10 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.language.vectors import unit
+
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-NORMS = ("element", "none")
+NORMS = ("element", "cosine", "none")
 
 # The paper's k. Lower rejects more views, higher keeps views of the wrong object.
 MAD_K = 3.0
@@ -68,6 +71,13 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
     values = views.astype(np.float64)
     if norm == "none":
         return values.mean(axis=1), np.ones(values.shape[:2], bool)
+    if norm == "cosine":
+        # 1 - cos = |u - v|^2 / 2, which is exactly 0 for equal vectors.
+        distance = (
+            np.linalg.norm(unit(values) - unit(median(values)[:, None]), axis=2, keepdims=True) ** 2 / 2
+        )
+        kept = distance <= k * median(distance)[:, None]
+        return _mean(values, kept), kept[..., 0]
     kept = _kept_channels(values, k)
     # No single channel decides whether the view counts as an inlier; half of them do.
     return _mean(values, kept), 2 * kept.sum(axis=2) >= kept.shape[2]

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from egosplat.features.aggregation import NORMS, aggregate, robust_mean
+from egosplat.features.aggregation import aggregate, robust_mean
 from egosplat.features.supervision import consistent_directions, supervise
 from egosplat.language.vectors import unit, usable
 
-EACH_NORM = pytest.mark.parametrize("norm", NORMS)
+EACH_NORM = pytest.mark.parametrize("norm", ["element", "none"])
 K = 3.0
 
 
@@ -148,7 +148,7 @@ def test_invalid_views_are_rejected(norm, k):
 def test_views_that_cancel(measured):
     first = views(6, 1, 32)
     rows = np.concatenate([first, -first])
-    mean, _ = robust_mean(rows[None], "euclidean", K)
+    mean, _ = robust_mean(rows[None], "none", K)
     direction = consistent_directions(mean, rows, np.zeros(2, int))
     measured(np.abs(direction[0] - first[0]).max())
     mixed = supervise(rows, direction[[0, 0]], np.ones(2, bool), np.zeros(2, bool), "average", "consistent")
