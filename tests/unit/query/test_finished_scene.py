@@ -93,7 +93,7 @@ def test_a_variant_has_the_answers_of_what_it_shares(work):
         (lambda scene: scene.render(), "frame or a pose"),
         (lambda scene: scene.artifact("masks"), "masks.zarr"),
         (lambda scene: egosplat.export_scene(scene, "x.txt"), "x.txt"),
-        (lambda scene: egosplat.open_scene("results/adt/scene9"), "results/adt/scene9/metrics.json"),
+        (lambda scene: egosplat.open_scene("results/adt/scene9"), "results/adt/scene9/l"),
         (lambda scene: egosplat.run_stage("splat"), "splats"),
         (lambda scene: egosplat.run_stage("splats", frames="f"), "output, poses"),
         (lambda scene: egosplat.run_stage("contact_sheet", **SHEET, x=1), "x"),
