@@ -38,7 +38,6 @@ def test_a_finished_run_has_nothing_to_do(workdir):
 SMALL_AGAIN = """
 models: {set: published, sam2_config: small, sam2_checkpoint: small, clip_model: small, clip_checkpoint: small}
 segments: {image_size: 512}
-features: {mismatched_views: keep_own}
 transient: {encoder_weights: null}
 """
 
@@ -51,10 +50,9 @@ transient: {encoder_weights: null}
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
         ("instances: {merge_iou: 0.5}", AFTER_INSTANCES),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
-        ("features: {outlier_target: average}", AFTER_FEATURES),
+        ("features: {supervision: average}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),
         ("masks: {threshold: 0.5}", AFTER_SEGMENTS),  # the threshold of tracks, too
-        ("masks: {max_share: 0.4}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("camera: {refine_poses: on}", AFTER_GAUSSIANS),
         ("splats: {masking: none}", AFTER_SPLATS),

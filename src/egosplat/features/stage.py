@@ -26,6 +26,7 @@ from egosplat.features.supervision import (
 )
 from egosplat.language.decoder import decode, decoder_metadata
 from egosplat.language.vectors import unit
+from egosplat.pipeline.model_sets import PUBLISHED
 from egosplat.progress import log
 
 Features = NDArray[np.float32]
@@ -95,8 +96,10 @@ def _supervision(
     """Return (N, D) consistent features, and the (R, D) supervision and (R,) mismatched flags of the views."""
     # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
     consistent = consistent_directions(found.feature, feature, instance)
-    # A view whose cosine is below the midpoint of 1 and that between instances shows another object.
-    apart = spread(consistent[found.views > 0]) if options.mismatched_views == "keep_own" else None
+    # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
+    # small models' tracks alone (docs/method.md#mismatched); the paper makes no exception.
+    excepts = options.supervision != "average" and options.set != PUBLISHED
+    apart = spread(consistent[found.views > 0]) if excepts else None
     limit = -math.inf if apart is None else (1 + apart) / 2
     mismatched = np.zeros(len(feature), bool)
     supervision = np.empty_like(feature)
@@ -104,9 +107,7 @@ def _supervision(
         part = slice(begin, begin + _ROWS_AT_ONCE)
         own, common = feature[part].astype(np.float64), consistent[instance[part]]
         mismatched[part] = (unit(own) * unit(common)).sum(axis=1) < limit
-        values = supervise(
-            own, common, found.inlier[part], mismatched[part], options.supervision, options.outlier_target
-        )
+        values = supervise(own, common, found.inlier[part], mismatched[part], options.supervision)
         # Opposite features cancel; the average then has no direction of its own.
         supervision[part] = unit(np.where(vanishing(values)[:, None], common, values))
     return consistent.astype(np.float32), supervision, mismatched

@@ -16,7 +16,6 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), SMALL),
     "segments": {"image_size": 512},
     "view_features": {"cut": "hull"},
-    "features": {"mismatched_views": "keep_own"},
     "transient": {"encoder_weights": None},
     "query": {"temperature": 10.0, "min_score": 0.7, "size_weight": 0.25, "name_weight": 0.5},
 }
@@ -36,7 +35,6 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
         "models": _OF_THE_PAPER | dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), PUBLISHED),
         "segments": {"image_size": None},
         "view_features": {"cut": "mask"},
-        "features": {"mismatched_views": "average"},
         "transient": {"encoder_weights": PUBLISHED},
         "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0, "name_weight": 0.0},
     },

@@ -179,6 +179,6 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
             value = values.get(section, {}).get(key, usual[section][key])
             keys.setdefault(section, {})[key] = value
     if name == "paper_scaled":  # other models can follow what comes with the paper's, too
-        for section in ("view_features", "features", "query"):
+        for section in ("view_features", "query"):
             keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from egosplat.pipeline.options import READING, Count, Positive, Share, Text
+from egosplat.pipeline.options import READING, Count, Options, Positive, Share, Text
 from egosplat.pipeline.shared_options import (
     BackendOptions,
     CameraOptions,
@@ -25,7 +25,21 @@ TEMPORARY = {
 LEAST_REACH = 0.7
 
 
-class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions):
+class RecipeOptions(Options, section="transient"):
+    """Recipe of the network, and of the masks that follow from it."""
+
+    recipe: Annotated[Literal["own", "paper"], READING] = "own"
+    """How the network and the temporary Gaussians are trained (docs/method.md#temporary-gaussians), and what is masked
+    (docs/method.md#stands-out). own: the unit of transient_penalty is the median squared difference of a frame to the
+    Gaussians at the end of the warm-up, or the median of that over the frames if that is larger: it follows the
+    camera's noise, blur, exposure and poses. The Gaussians are few, of one color each, on black, by a schedule that is
+    scaled to the run; the network predicts by the statistics of the frame itself; masks leave out what looks static,
+    add regions that the network is sure of, and are withheld where most would move. paper: the unit
+    is the squared sRGB difference in 0..1, summed over R, G and B; the rest is as in EgoLifter, with 3DGS's schedule,
+    cut off at the end of the run, and running averages; whole instances are masked."""
+
+
+class TransientOptions(RecipeOptions, CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions):
     """Network that predicts moving pixels, trained together with temporary Gaussians."""
 
     iterations: Count = 2000
@@ -57,15 +71,6 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
     """Encoder weights of timm's mobilenetv3_small_050: published (EgoLifter's, from ImageNet, in the folder
     models.cache) or a .pt, .bin or .safetensors file. null starts from random weights."""
 
-    recipe: Annotated[Literal["own", "paper"], READING] = "own"
-    """How the network and the temporary Gaussians are trained (docs/method.md#temporary-gaussians). own: the unit of
-    transient_penalty is the median squared difference of a frame to the Gaussians at the end of the warm-up, or the
-    median of that over the frames if that is larger: it follows the camera's noise, blur, exposure and poses. The
-    Gaussians are few, of one color each, on black, by a schedule that is scaled to the run; the network predicts by the
-    statistics of the frame itself. paper: the unit is the squared sRGB difference in 0..1, summed over R, G and B,
-    and masks.stands_out has no effect; the rest is as in EgoLifter, with 3DGS's schedule, cut off at the end of the
-    run, and running averages."""
-
     def stays_at_start(self) -> str | None:
         """Say that the network will call static pixels transient, and what to set; None if it is trained long enough."""
         trained = self.iterations - round(self.warmup * self.iterations)
@@ -78,27 +83,5 @@ class TransientOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOpti
         )
 
 
-class MasksOptions(ThresholdOptions):
+class MasksOptions(RecipeOptions, ThresholdOptions):
     """Selection of transient instances, by the network's mean probability over all their pixels. Masks that are merged in 3D stand still; only tracks can be transient."""
-
-    stands_out: Annotated[Share, READING] = 0.35
-    """Least share of a transient instance's pixels that stand out from the temporary Gaussians at the end of the
-    warm-up: a squared difference of more than 3.5 medians of the frame (docs/method.md#stands-out). It drops static
-    things that the network calls transient. 0 asks for none, as in the paper. Larger masks less: where arms are
-    always in view, 0.5 masks a quarter of the moving pixels and 0.35 two thirds (docs/method.md#still-arms); in
-    others 0.3 to 0.55 work equally well."""
-
-    pixel_probability: Annotated[Share, READING] = 0.5
-    """Probability from which a pixel of a transient instance is masked in a frame. It leaves out parts of wrong
-    outlines, and frames in which a carried thing lies still. 0 masks the whole instance in every frame, as in the
-    paper."""
-
-    sure_probability: Annotated[Share | None, READING] = 0.9
-    """Probability from which the network is sure that a pixel moves. Where it is in a large region of at least three
-    training frames in a row, and no instance explains the region as static, the region is masked without a track
-    (docs/method.md#sure-regions). null masks instances alone, as in the paper."""
-
-    max_share: Annotated[float, Field(le=1, gt=0), READING] = 0.5
-    """Share above which nothing is masked, and an alarm says why: mean probability of the network over the training
-    frames, or share of the instances that would be transient; poses, exposure or blur are rather mistaken for motion.
-    1 never withholds masks, as in the paper."""

@@ -151,5 +151,5 @@ def test_views_that_cancel(measured):
     mean, _ = robust_mean(rows[None], "none", K)
     direction = consistent_directions(mean, rows, np.zeros(2, int))
     measured(np.abs(direction[0] - first[0]).max())
-    mixed = supervise(rows, direction[[0, 0]], np.ones(2, bool), np.zeros(2, bool), "average", "consistent")
+    mixed = supervise(rows, direction[[0, 0]], np.ones(2, bool), np.zeros(2, bool), "inliers")
     assert np.linalg.norm(mixed[1]) < 1e-6 and np.isfinite(unit(mixed)).all()

@@ -53,12 +53,12 @@ def test_an_outlier_view_is_left_out(run, feature):
 
 
 def test_supervision_is_the_average_of_unit_norm_the_view_or_the_consistent_feature(run, feature):
-    features = run(mismatched_views="average")
+    features = run(set="published")
     consistent, supervision = features.read("consistent"), features.read("supervision")
     np.testing.assert_allclose(np.linalg.norm(supervision, axis=1), 1.0, rtol=1e-6)
     np.testing.assert_allclose(supervision[8], unit(feature[8] + consistent[2]), atol=1e-6)
     np.testing.assert_allclose(supervision[6], consistent[0], atol=1e-6)  # an outlier
-    kept_half = run(mismatched_views="average", outlier_target="average").read("supervision")
+    kept_half = run(set="published", supervision="average").read("supervision")
     np.testing.assert_allclose(kept_half[6], unit(feature[6] + consistent[0]), atol=1e-6)
     np.testing.assert_allclose(run(supervision="view").read("supervision"), feature, atol=1e-6)
     alone = run(supervision="consistent").read("supervision")
@@ -82,7 +82,7 @@ def test_the_paper_s_reference_value():
     """Values 0, 1, 2, 3, 10: the consistent one is 1.5, the average of 10 is 5.75 (docs/method.md#supervision)."""
     feature = np.array([[0.0], [1.0], [2.0], [3.0], [10.0]])
     found = aggregate(feature, np.zeros(5, int), 1, "element", 3.0)
-    own = supervise(feature, found.feature[[0]], found.inlier, np.zeros(5, bool), "average", "average")
+    own = supervise(feature, found.feature[[0]], found.inlier, np.zeros(5, bool), "average")
     assert found.feature.tolist() == [[1.5]] and own[4].tolist() == [5.75]
 
 

@@ -152,7 +152,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     own = {
         "query": {"readout": "pixels"},
         "frames": frames,
-        "segments": {"merge_iou": 0.4},
+        "instances": {"inside": 0.4},
         "models": {"clip_model": "mine"},
     }
     base = resolve(own, PRESETS)
@@ -161,10 +161,10 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     for found in (draft, paper):
         assert (found["frames"]["start_s"], found["frames"]["evaluation_frames"]) == (2.0, 5)
         assert all(found[section] == base[section] for section in ("models", "metrics", "synthetic"))
-        assert found["segments"]["merge_iou"] == 0.4 and found["query"]["readout"] == "pixels"
+        assert found["instances"]["inside"] == 0.4 and found["query"]["readout"] == "pixels"
     assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
     assert (paper["splats"]["iterations"], paper["features"]["dims"]) == (30000, 3)
     assert paper["transient"]["encoder_weights"] is None
     assert (paper["query"]["temperature"], paper["query"]["min_score"]) == (1.0, 0.0)
-    assert (paper["features"]["mismatched_views"], paper["view_features"]["cut"]) == ("average", "mask")
-    assert draft["query"] == base["query"] and draft["view_features"]["cut"] == "hull"
+    assert draft["query"] == base["query"]
+    assert (paper["view_features"]["cut"], draft["view_features"]["cut"]) == ("mask", "hull")
