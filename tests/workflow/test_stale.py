@@ -48,7 +48,7 @@ transient: {encoder_weights: null}
         ("poses: {trajectory: ground_truth}", AFTER_POSES),
         ("poses: {method: colmap}", AFTER_POSES),
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
-        ("instances: {merge_iou: 0.5}", AFTER_INSTANCES),
+        ("instances: {resolution: 200}", AFTER_INSTANCES),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
         ("features: {supervision: average}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),

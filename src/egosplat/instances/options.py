@@ -24,11 +24,3 @@ class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOpti
     """Training length of temporary Gaussians, which masks are merged on where something is tracked or masked
     (docs/method.md#merged-on). Sharper surfaces give instances sharper outlines
     (benchmarks/instances/README.md)."""
-
-    inside: Annotated[float, Field(le=1, gt=0)] = 0.5
-    """A Gaussian belongs to a group of masks that hold at least this share of its compositing weight in their
-    frames."""
-
-    merge_iou: Annotated[float, Field(le=1, gt=0)] = 0.4
-    """Masks are merged from this IoU on the Gaussians that their frames have both seen. Lower merges more,
-    neighbors too; higher leaves one thing in pieces."""

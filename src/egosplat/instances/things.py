@@ -6,7 +6,6 @@ from scipy import sparse
 
 from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
 from egosplat.instances.merging import merge
-from egosplat.instances.options import InstancesOptions
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.floating]
@@ -24,15 +23,15 @@ _DROP_IOU = 0.3
 _CLAIMED = 0.5
 
 
-def find_things(masks: LiftedMasks, weight: Floats, keys: InstancesOptions) -> tuple[Ints, dict[str, int]]:
+def find_things(masks: LiftedMasks, weight: Floats) -> tuple[Ints, dict[str, int]]:
     """(V,) thing that each mask of one level shows, numbered 0 to K - 1, -1 for a mask without a vote; and
     counts. ``weight`` (N,) is that of each Gaussian in an IoU."""
     # Each mask by itself, in the order of frames.
     run = np.argsort(np.argsort(masks.frame, kind="stable"), kind="stable")
-    thing = merge(masks, run, weight, keys)[run]
-    dropped = _outlier_masks(masks, thing, keys)
+    thing = merge(masks, run, weight)[run]
+    dropped = _outlier_masks(masks, thing)
     thing = np.where(dropped, -1, thing)
-    claimed = _claimed_things(masks, thing, weight, keys)
+    claimed = _claimed_things(masks, thing, weight)
     thing = np.where(np.isin(thing, claimed), -1, thing)
     names = np.unique(thing[thing >= 0])
     counts = {
@@ -44,28 +43,28 @@ def find_things(masks: LiftedMasks, weight: Floats, keys: InstancesOptions) -> t
     return np.where(thing < 0, -1, np.searchsorted(names, thing)), counts
 
 
-def _outlier_masks(masks: LiftedMasks, thing: Ints, keys: InstancesOptions) -> NDArray[np.bool_]:
+def _outlier_masks(masks: LiftedMasks, thing: Ints) -> NDArray[np.bool_]:
     """(V,) masks that overlap their thing too little on what their frame has seen."""
     dropped = np.zeros(len(thing), bool)
     for mine in masks_of(thing):
         if len(mine) < _FEW_MASKS:
             continue
-        whole = _holds(masks, mine, keys.inside)
+        whole = _holds(masks, mine)
         for mask in mine:
             seen = masks.seen_at(int(masks.frame[mask]))
-            members = masks.members(int(mask), seen, keys.inside)
+            members = masks.members(int(mask), seen)
             shared = seen[members][whole[members]].sum()
             union = seen[members].sum() + seen[whole & (seen >= LEAST_SEEN)].sum() - shared
             dropped[mask] = shared < _DROP_IOU * union
     return dropped
 
 
-def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats, keys: InstancesOptions) -> list[int]:
+def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats) -> list[int]:
     """Things whose Gaussians belong to things of more masks by more than the share ``claimed``: suppression in 3D."""
     taken = np.zeros(len(weight), bool)
     gone = []
     for mine in sorted(masks_of(thing), key=len, reverse=True):
-        own = _holds(masks, mine, keys.inside)
+        own = _holds(masks, mine)
         size = weight[own].sum()
         if size == 0 or weight[own & taken].sum() > _CLAIMED * size:
             gone.append(int(thing[mine[0]]))
@@ -74,11 +73,11 @@ def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats, keys: Insta
     return gone
 
 
-def _holds(masks: LiftedMasks, chosen: Ints, inside: float) -> NDArray[np.bool_]:
+def _holds(masks: LiftedMasks, chosen: Ints) -> NDArray[np.bool_]:
     """(N,) bool, Gaussians that belong to the union of masks."""
     votes = np.asarray(masks.votes[:, chosen].sum(1)).ravel()
     seen = masks.seen[np.unique(masks.frame[chosen])].sum(0)
-    return holds(votes, seen, inside)
+    return holds(votes, seen)
 
 
 def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:

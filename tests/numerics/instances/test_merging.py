@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from egosplat.instances.things import beliefs, find_things
-from tests.unit.instances.conftest import lifted, options
+from tests.unit.instances.conftest import lifted
 
 LEFT, RIGHT = [0, 1, 2, 3], [4, 5, 6]
 ALL = [*LEFT, *RIGHT]
 
 
-def merged(masks, **changes):
+def merged(masks):
     """Thing of each mask, and (N, K) beliefs of the things."""
-    thing, counts = find_things(masks, masks.weight, options(**changes))
+    thing, counts = find_things(masks, masks.weight)
     assert counts["things"] == len(set(thing[thing >= 0].tolist()))
     return thing.tolist(), beliefs(masks, thing).toarray()
 
@@ -75,11 +75,12 @@ def test_one_frame(measured, held):
     "a mask of every Gaussian, in one of four frames with two masks each, and in all",
     outside="in one frame: dropped; in all: the one instance",
 )
-def test_a_mask_of_everything():
-    masks = lifted([LEFT, RIGHT, LEFT, RIGHT, ALL, LEFT, RIGHT], [0, 0, 1, 1, 2, 3, 3], [ALL] * 4)
-    thing, held = merged(masks, merge_iou=0.6)
-    assert thing == [0, 1, 0, 1, -1, 0, 1] and held.max() == 1.0
+def test_a_mask_of_everything(monkeypatch):
     assert merged(lifted([ALL] * 5, list(range(5)), [ALL] * 5))[0] == [0] * 5
+    masks = lifted([LEFT, RIGHT, LEFT, RIGHT, ALL, LEFT, RIGHT], [0, 0, 1, 1, 2, 3, 3], [ALL] * 4)
+    monkeypatch.setattr("egosplat.instances.merging.MERGE_IOU", 0.6)
+    thing, held = merged(masks)
+    assert thing == [0, 1, 0, 1, -1, 0, 1] and held.max() == 1.0
 
 
 @pytest.mark.numerics("200 identical masks, each of a frame of its own", within=1e-6, outside="one instance")

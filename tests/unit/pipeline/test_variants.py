@@ -152,7 +152,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     own = {
         "query": {"readout": "pixels"},
         "frames": frames,
-        "instances": {"inside": 0.4},
+        "instances": {"iterations": 7},
         "models": {"clip_model": "mine"},
     }
     base = resolve(own, PRESETS)
@@ -161,7 +161,7 @@ def test_presets_leave_recording_models_and_questions_to_the_scene():
     for found in (draft, paper):
         assert (found["frames"]["start_s"], found["frames"]["evaluation_frames"]) == (2.0, 5)
         assert all(found[section] == base[section] for section in ("models", "metrics", "synthetic"))
-        assert found["instances"]["inside"] == 0.4 and found["query"]["readout"] == "pixels"
+        assert found["instances"]["iterations"] == 7 and found["query"]["readout"] == "pixels"
     assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
     assert (paper["splats"]["iterations"], paper["features"]["dims"]) == (30000, 3)
     assert paper["transient"]["encoder_weights"] is None

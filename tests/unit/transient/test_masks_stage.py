@@ -12,8 +12,6 @@ from egosplat.transient import masks_stage
 from tests.support.scenes import put
 
 SIZE, FRAME_COUNT = 32, 6
-# The paper's rule alone: whole instances by their mean probability.
-OFF = {"recipe": "paper"}
 
 
 def predict(folder: Path, probability: np.ndarray, inputs: dict[str, str] | None = None, **more: np.ndarray):
@@ -36,8 +34,8 @@ def predicted(folder: Path) -> Path:
 
 
 def run(folder: Path, **keys: object):
-    """The verified artifact."""
-    stage_keys = {"threshold": 0.25} | OFF | keys
+    """The verified artifact, by default by the paper's rule: whole instances by their mean probability."""
+    stage_keys = {"threshold": 0.25, "recipe": "paper"} | keys
     inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "instances"))
     masks_stage.run(*inputs, folder / "masks.zarr", masks_stage.MasksOptions(**stage_keys))
     return verify(folder / "masks.zarr", SCHEMAS)
