@@ -16,7 +16,8 @@ from scipy import sparse
 
 from benchmarks.common import command, markdown, output_of, time_call
 from egosplat.instances.lifted_masks import LiftedMasks
-from egosplat.instances.things import find_things
+from egosplat.instances.options import InstancesOptions
+from egosplat.instances.things import find_things, single_masks
 
 INSTANCES = 60
 
@@ -60,8 +61,9 @@ def made_up_masks(frames: int, gaussians: int, wrong: int) -> LiftedMasks:
 
 def row_of(frames: int, gaussians: int, wrong: int) -> list[str]:
     """A row of the table, in this process."""
+    keys = InstancesOptions()
     masks = made_up_masks(frames, gaussians, wrong)
-    (_, counts), seconds = time_call(find_things, masks, masks.weight)
+    (_, counts), seconds = time_call(find_things, masks, single_masks(masks), masks.weight, keys)
     stay = counts["things"] + counts["claimed"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     numbers = (frames, gaussians, counts["masks"], stay, counts["things"])

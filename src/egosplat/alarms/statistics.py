@@ -52,6 +52,11 @@ def unconnected_models(poses: Artifact) -> Figures | None:
     return {"value": len(models), "frames": ", ".join(map(str, models))}
 
 
+def seam(poses: Artifact) -> Figures | None:
+    found = poses.facts.get("notes", {}).get("seam")
+    return found and {"value": found["share"], "after": found["after"]}
+
+
 def masks_kept(instances: Artifact) -> Figures | None:
     if instances.facts.get("merging") is None:  # tracks
         return None
@@ -127,6 +132,7 @@ MEASURES = {
     "poses.parallax": fact("notes", "parallax_deg"),
     "poses.points": points_per_frame,
     "poses.models": unconnected_models,
+    "poses.seam": seam,
     "segments.empty_pixels": fact("pixels_without_instance"),
     "segments.instances_per_frame": fact("instances_per_frame"),
     "segments.frames_per_instance": fact("frames_per_instance"),

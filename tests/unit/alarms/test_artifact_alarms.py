@@ -19,8 +19,16 @@ SUSPICIOUS = {
     "frames": ({"valid": np.arange(10) < 4, "train": np.ones(8, bool)}, {}, ["frames.valid_pixels"]),
     "poses": (
         {"registered": np.arange(10) < 8},
-        {"notes": {"reprojection_error_px": 1.5, "models": [8, 2], "parallax_deg": 0.4, "points": 100}},
-        ["poses.registered", "poses.reprojection", "poses.parallax", "poses.points", "poses.models"],
+        {
+            "notes": {
+                "reprojection_error_px": 1.5,
+                "models": [8, 2],
+                "parallax_deg": 0.4,
+                "points": 100,
+                "seam": {"after": 4, "share": 0.1},
+            }
+        },
+        [f"poses.{name}" for name in ("registered", "reprojection", "parallax", "points", "models", "seam")],
     ),
     "transient": ({}, {"mean_probability": 0.47}, ["transient.probability"]),
     "segments": ({}, FIGURES, [f"segments.{name}" for name in ("empty_pixels", *list(FIGURES)[1:])]),

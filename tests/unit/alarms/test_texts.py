@@ -86,7 +86,7 @@ def test_an_advice_names_the_presets_that_set_what_caused_its_alarm(alarm):
 @pytest.mark.parametrize("key", [key for key in SHOWN if key != "poses.models"])
 def test_a_sentence_shows_no_figure_within_the_normal_range(key):
     text = TABLE[key].sentence.partition("{value")[2].partition("}")[0]
-    figures = dict.fromkeys(("cosine", "spread", "points"), 0.0) | {"value": beyond(key, 1e-9)}
+    figures = dict.fromkeys(("cosine", "spread", "points", "after"), 0.0) | {"value": beyond(key, 1e-9)}
     shown = found_text(Alarm(key, figures))
     number = next(float(digits) for digits in re.findall(r"[\d.]+\d|\d", shown))
     assert TABLE[key].is_passed(number / (100 if text.endswith("%") else 1))

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from benchmarks.colmap.alignment import trajectory_error
 from egosplat.calibration.colmap import matching
-from egosplat.calibration.colmap.choosing import advice_on_few
+from egosplat.calibration.colmap.choosing import advice_on_few, find_seam
 from egosplat.calibration.colmap.database import Project
 from egosplat.calibration.colmap.mapping import MIN_SEEN, drop_loose_images
 from egosplat.calibration.colmap.matching import sequential_pairs
@@ -128,7 +128,7 @@ def test_two_places_without_a_common_view_give_the_larger_one(room, capsys):
     assert poses.notes["models"] == [9, 7]
     assert poses.registered.tolist() == [True] * 9 + [False] * 7
     told = capsys.readouterr().err
-    assert "a model of 7 frames (9 to 15) is left out: nothing connects it" in told
+    assert "a model of 7 frames (9 to 15) is left out: too little connects it" in told
     assert "record the ways between them" in told and "7 of 16 frames have no pose" in told
 
 
@@ -158,7 +158,7 @@ def test_too_few_images_are_rejected_and_colmap_leaves_no_temporary_files(
     output = capfd.readouterr()
     assert output.out == ""
     assert all(line.startswith("COLMAP: ") for line in output.err.splitlines())
-    assert "mapping 4 images" in output.err
+    assert "mapping: 4/4 images" in output.err
 
 
 def features_of(images, folder, shown=None):
@@ -191,6 +191,20 @@ def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_imag
     }
 
 
+def test_images_with_few_features_get_weaker_ones(walk_images, tmp_path, monkeypatch):
+    def features(folder, enough):
+        (tmp_path / folder).mkdir()
+        monkeypatch.setattr("egosplat.calibration.colmap.database._ENOUGH_FEATURES", enough)
+        faint = [walk_images[0], *(90 + (image - 90.0) / 8 for image in walk_images[1:3])]
+        project = features_of([np.asarray(image, np.uint8) for image in faint], tmp_path / folder)
+        with pycolmap.Database.open(project.database) as database:
+            return [len(database.read_keypoints(number)) for number in (1, 2, 3)]
+
+    sharp, *few = features("strong", 0)
+    same, *more = features("weak", sharp)
+    assert same == sharp and min(more) > 2 * max(few)
+
+
 def test_points_are_filtered_by_track_length_and_error():
     model = synthesized(0, 5, 5)
     lengths, errors, expected = [2, 3, 3, 2, 5], [0.5, 0.5, 2.5, 9.0, 2.0], []
@@ -217,6 +231,21 @@ def test_an_image_that_sees_few_points_of_a_model_has_no_pose():
         model.delete_observation(3, index)
     drop_loose_images(model)
     assert sorted(model.reg_image_ids()) == [1, 2, 4, 5]
+
+
+def test_the_weakest_place_of_a_model_in_time_is_found():
+    model = synthesized(1, 12, 40)
+    for number, image in model.images.items():
+        image.name = f"{number:06d}.png"
+    assert find_seam(model)["share"] == 1.0
+    # All but three points are seen up to the seventh frame, or later.
+    for number in sorted(model.points3D)[3:]:
+        seen = [(one.image_id, one.point2D_idx) for one in model.points3D[number].track.elements]
+        for image, index in seen:
+            if (image <= 7) == (number % 2 == 0):
+                model.delete_observation(image, index)
+    seam = find_seam(model)
+    assert seam["after"] == 7 and 0.0 < seam["share"] < 0.2
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pycolmap
 
 from egosplat.errors import UserError
@@ -34,14 +35,14 @@ def choose_model(
     )
     if not models:
         raise UserError(nothing)
-    model, *left = sorted(models, key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
-    frames, registered = notes["frames"], {frame for frame, _ in registered_images(model)}
+    model, *others = sorted(models, key=lambda each: (-each.num_reg_images(), -each.num_points3D()))
+    frames, registered = notes["frames"], _frames(model)
+    left = [shown for other in others if (shown := _frames(other)) - registered]
     if parallax == 0 and len(registered) < min_registered * frames:
         raise UserError(nothing)
-    for other in left:
-        shown = format_ranges({frame for frame, _ in registered_images(other)})
+    for shown in left:
         log(
-            f"COLMAP: a model of {other.num_reg_images()} frames ({shown}) is left out: nothing connects it to the largest"
+            f"COLMAP: a model of {len(shown)} frames ({format_ranges(shown)}) is left out: too little connects it to the largest"
         )
     denser = ", or lower frames.stride" if frame_keys.get("stride", 1) > 1 else ""
     if left:
@@ -61,8 +62,30 @@ def choose_model(
             f"COLMAP registers {wanted}; not registered (indices from 0): {lost}\n"
             f"{advice_on_few(matching, side, frame_keys)}, or accept the loss by poses.min_registered"
         )
-    notes["models"] = [len(registered), *(other.num_reg_images() for other in left)]
+    notes["models"] = [len(registered), *map(len, left)]
+    notes["seam"] = find_seam(model)
     return model
+
+
+def find_seam(model: pycolmap.Reconstruction) -> dict[str, float]:
+    """Where a model nearly falls apart in time: the frame ``after`` which fewest points are seen both up to it and later, and their
+    ``share`` of the points in the median frame. A tenth of the frames at either end does not count: few may see what they show."""
+    images = registered_images(model)
+    frame_of = {image.image_id: frame for frame, image in images}
+    seen = ([frame_of[one.image_id] for one in point.track.elements] for point in model.points3D.values())
+    first, last = np.sort([(min(each), max(each)) for each in seen], axis=0).T
+    edge = len(images) // 10
+    inner = np.sort([*frame_of.values()])[edge : len(images) - 1 - edge]
+    across = np.searchsorted(first, inner, "right") - np.searchsorted(last, inner, "right")
+    weakest = int(across.argmin())
+    return {
+        "after": int(inner[weakest]),
+        "share": float(across[weakest] / np.median([image.num_points3D for _, image in images])),
+    }
+
+
+def _frames(model: pycolmap.Reconstruction) -> set[int]:
+    return {frame for frame, _ in registered_images(model)}
 
 
 def registered_images(model: pycolmap.Reconstruction) -> list[tuple[int, pycolmap.Image]]:

@@ -13,7 +13,7 @@ from egosplat.calibration.colmap.database import Project
 from egosplat.progress import log
 
 # Images later that each is compared with, beside those 1, 2, 4, 8, ... later and those that look alike.
-OVERLAP = 12
+OVERLAP = 8
 
 # Names of two images.
 Pair = tuple[str, str]
