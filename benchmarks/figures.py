@@ -10,7 +10,7 @@ from benchmarks.presence.__main__ import fitted
 from benchmarks.rows import Rows
 from benchmarks.scores import format_difference
 from egosplat.errors import UserError
-from egosplat.evaluation.intervals import RESAMPLING, Clusters, cluster, clustered_interval, mean_of_scenes
+from egosplat.evaluation.intervals import Clusters, cluster, clustered_interval, mean_of_scenes
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import FULL, PIXELS
 
@@ -36,7 +36,7 @@ def figure(scenes: list[Clusters], scale: float, form: str, unit: str, most: flo
     """The mean over scenes with its interval, such as ``77 % (68 to 85)``; - for nothing."""
     if not scenes:
         return "-"
-    interval = clustered_interval(scenes, RESAMPLING, most=most)
+    interval = clustered_interval(scenes, most=most)
     bounds = "" if interval is None else f" ({scale * interval.low:{form}} to {scale * interval.high:{form}})"
     return f"{scale * mean_of_scenes(scenes):{form}}{unit}{bounds}"
 

@@ -24,8 +24,7 @@ from egosplat.pipeline.home import title_of
 from egosplat.progress import log
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene, open_scene
-from egosplat.query.grades import SYNONYM
-from egosplat.query.text import CARRIED
+from egosplat.query.text import CARRIED, SYNONYM
 
 # A carry is found if a carry of the scene has this IoU with it in time, and ends near its end.
 IOU = 0.3

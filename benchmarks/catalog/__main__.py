@@ -26,7 +26,8 @@ from egosplat.pipeline.home import title_of
 from egosplat.query.answers import Answer
 from egosplat.query.catalog import catalog
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import FOUND, name_parts
+from egosplat.query.grades import FOUND
+from egosplat.query.text import name_parts
 from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
 from training.small_models.concepts import KINDS, WHOLES
 from training.small_models.glossary import GLOSSARY

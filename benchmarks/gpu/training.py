@@ -137,7 +137,7 @@ def of_gsplat(
         poses,
         views,
         max_points=OPTIONS.max_points,
-        densify_init=OPTIONS.densify_init,
+        densify_init=True,
         near_plane=OPTIONS.near_plane,
         seed=OPTIONS.seed,
         sh_degree=MAX_SH_DEGREE,

@@ -29,7 +29,7 @@ from egosplat.instances.lifted_masks import lift
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
-from egosplat.instances.things import beliefs, find_things, single_masks
+from egosplat.instances.things import beliefs, find_things
 from egosplat.pipeline.home import title_of
 from egosplat.progress import log
 
@@ -53,8 +53,10 @@ CHANGES: dict[str, dict[str, float]] = {
     "no instances dropped": {"claimed": 1.0},
     "no merging": {"merge_iou": 1.0, "claimed": 1.0},
 }
-# Thresholds that are constants.
+# Where the thresholds are.
 CONSTANTS = {
+    "inside": "egosplat.instances.lifted_masks.INSIDE",
+    "merge_iou": "egosplat.instances.merging.MERGE_IOU",
     "common": "egosplat.instances.merging.COMMON",
     "drop_iou": "egosplat.instances.things._DROP_IOU",
     "claimed": "egosplat.instances.things._CLAIMED",
@@ -74,7 +76,7 @@ class Scene:
             open_artifact(folder / "poses.zarr", POSES),
         )
         self.segments = open_artifact(folder / "segments.zarr", SEGMENTS)
-        self.keys = InstancesOptions(source="masks", iterations=iterations)
+        keys = InstancesOptions(source="masks", iterations=iterations)
         kept, _ = kept_frames(frames, survey_of(folder))
         training, _ = split_views(frames, poses, kept)
         self.valid = frames.read("valid")
@@ -82,7 +84,7 @@ class Scene:
         tracks = MovingTracks(self.segments)
         with TemporaryDirectory() as work:
             self.geometry = train_geometry(
-                frames, poses, training, self.keys, Path(work) / "instances.zarr", "benchmark"
+                frames, poses, training, keys, Path(work) / "instances.zarr", "benchmark"
             )
         lifted = lift(self.geometry, self.segments, lambda _: self.valid, tracks.remove)
         assert lifted is not None, "the scene has masks"
@@ -101,19 +103,18 @@ class Scene:
 
     def score_merged(self, values: dict[str, float]) -> VideoScores:
         """Scores of the masks merged with changed thresholds."""
-        keys = {name: value for name, value in values.items() if name not in CONSTANTS}
         with ExitStack() as stack:
-            for name in values.keys() & CONSTANTS.keys():
-                stack.enter_context(patch(CONSTANTS[name], values[name]))
-            return self.score(self.merged(self.keys.change(**keys)))
+            for name, value in values.items():
+                stack.enter_context(patch(CONSTANTS[name], value))
+            return self.score(self.merged())
 
     def as_segmented(self) -> Iterator[Labels]:
         """Labels as segments.zarr has them."""
         return (self.segments.row("labels", row)[self.whole] for row in self.rows)
 
-    def merged(self, keys: InstancesOptions) -> Iterator[Labels]:
-        """Labels of the masks merged with these thresholds."""
-        thing, _ = find_things(self.masks, single_masks(self.masks), self.weight, keys)
+    def merged(self) -> Iterator[Labels]:
+        """Labels of the merged masks."""
+        thing, _ = find_things(self.masks, self.weight)
         held, geometry = beliefs(self.masks, thing), self.geometry
         for row in self.rows:
             view = geometry.views.camera, geometry.camera_to_world[row], geometry.settings

@@ -16,8 +16,7 @@ from scipy import sparse
 
 from benchmarks.common import command, markdown, output_of, time_call
 from egosplat.instances.lifted_masks import LiftedMasks
-from egosplat.instances.options import InstancesOptions
-from egosplat.instances.things import find_things, single_masks
+from egosplat.instances.things import find_things
 
 INSTANCES = 60
 
@@ -61,9 +60,8 @@ def made_up_masks(frames: int, gaussians: int, wrong: int) -> LiftedMasks:
 
 def row_of(frames: int, gaussians: int, wrong: int) -> list[str]:
     """A row of the table, in this process."""
-    keys = InstancesOptions()
     masks = made_up_masks(frames, gaussians, wrong)
-    (_, counts), seconds = time_call(find_things, masks, single_masks(masks), masks.weight, keys)
+    (_, counts), seconds = time_call(find_things, masks, masks.weight)
     stay = counts["things"] + counts["claimed"]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     numbers = (frames, gaussians, counts["masks"], stay, counts["things"])

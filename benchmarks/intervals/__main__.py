@@ -15,7 +15,7 @@ from scipy import stats
 
 from benchmarks.common import command, markdown
 from benchmarks.intervals.differences import paired_difference
-from egosplat.evaluation.intervals import Clusters, IntervalOptions, clustered_interval, mean_of_scenes
+from egosplat.evaluation.intervals import Clusters, clustered_interval, mean_of_scenes
 from egosplat.progress import track
 
 # Queries of a category, about as many as in the apartments.
@@ -30,7 +30,7 @@ SCORES = [
 # Scenes, categories of each, share that differs, standard deviation of the mean difference between scenes.
 DIFFERENCES = [*product((1, 5, 10), (22,), (0.1, 0.3), (0.0,)), *product((5, 10), (22,), (0.3,), (0.05, 0.1))]
 
-OPTIONS = IntervalOptions(confidence=0.95, resamples=1000, seed=0)
+RESAMPLES = 1000
 
 CASE = ["scenes", "categories", "share", "spread between scenes"]
 SCORE = [*CASE, "over categories: held", "width", "over queries: held", "width"]
@@ -58,7 +58,7 @@ def score_row(scenes: int, categories: int, share: float, spread: float, trials:
     for _ in range(trials):
         hit = np.clip(rng.normal(share, spread, scenes), 0, 1)
         drawn = draw(rng, [0, 1], np.stack([1 - hit, hit], 1), categories)
-        found.append((clustered_interval(drawn, OPTIONS), over_queries(drawn)))
+        found.append((clustered_interval(drawn, RESAMPLES), over_queries(drawn)))
     return [str(each) for each in (scenes, categories, share, spread)] + held(np.array(found), truth)
 
 
@@ -70,7 +70,7 @@ def difference_row(scenes: int, categories: int, share: float, spread: float, tr
         mean = np.clip(rng.normal(0, spread, scenes), -share, share)
         shares = np.stack([(share - mean) / 2, np.full(scenes, 1 - share), (share + mean) / 2], 1)
         drawn = draw(rng, [-1, 0, 1], shares, categories)
-        _, interval, p, over_scenes = paired_difference(drawn, OPTIONS)
+        _, interval, p, over_scenes = paired_difference(drawn, RESAMPLES)
         totals = np.concatenate([each.totals for each in drawn])
         gained, lost = int(totals[totals > 0].sum()), int(-totals[totals < 0].sum())
         mcnemar = stats.binomtest(gained, gained + lost).pvalue if gained + lost else 1.0

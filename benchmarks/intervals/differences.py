@@ -9,11 +9,12 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from egosplat.evaluation.intervals import (
-    RESAMPLING,
+    CONFIDENCE,
+    RESAMPLES,
     SAME,
+    SEED,
     Clusters,
     Interval,
-    IntervalOptions,
     clustered_interval,
     mean_of_scenes,
 )
@@ -31,25 +32,25 @@ class Difference(NamedTuple):
     over_scenes: Interval | None
 
 
-def paired_difference(scenes: Sequence[Clusters], options: IntervalOptions = RESAMPLING) -> Difference:
+def paired_difference(scenes: Sequence[Clusters], resamples: int = RESAMPLES) -> Difference:
     """Test ``mean_of_scenes`` of differences, -1..1, by flips of the signs of each scene's categories (docs/method.md#differences).
 
     The interval has zero exactly when p is at least 1 - confidence. Both are on these scenes; ``over_scenes`` is on others.
     """
     scenes = [scene for scene in scenes if len(scene.counts)]
     mean, means = mean_of_scenes(scenes), np.array([scene.mean for scene in scenes])
-    low, high = _halves(scenes, options)
-    rank = math.ceil(round((1 - options.confidence) * len(low), 6)) - 1
+    low, high = _halves(scenes, resamples)
+    rank = math.ceil(round((1 - CONFIDENCE) * len(low), 6)) - 1
     bounds, p = (np.sort(low)[rank], -np.sort(-high)[rank]), float(np.mean((low <= 0) & (high >= 0)))
     # Flips of equal differences have no spread: as in ``clustered_interval``, other categories may differ.
     shares = np.concatenate([np.zeros(0), *(scene.totals / scene.counts for scene in scenes)])
     alike = len(shares) and np.ptp(shares) <= SAME
-    if alike and (doubt := clustered_interval(scenes, options, least=-1.0)):
+    if alike and (doubt := clustered_interval(scenes, resamples, least=-1.0)):
         bounds = (min(bounds[0], doubt.low), max(bounds[1], doubt.high))
         p = max(p, 2 * float(stats.norm.sf(math.sqrt(len(shares) * abs(mean)))))
     if len(means) < 2:
         return Difference(mean, _within(bounds), p, None)
-    half = stats.t.ppf((1 + options.confidence) / 2, len(means) - 1) * stats.sem(means)
+    half = stats.t.ppf((1 + CONFIDENCE) / 2, len(means) - 1) * stats.sem(means)
     own, student = _within(bounds), _within((mean - half, mean + half))
     return Difference(mean, own, p, student if np.ptp(student) > np.ptp(own) else None)
 
@@ -58,7 +59,7 @@ def _within(bounds: tuple[float, float]) -> Interval:
     return Interval(*np.clip(bounds, -1, 1).tolist())
 
 
-def _halves(scenes: Sequence[Clusters], options: IntervalOptions) -> NDArray[np.float64]:
+def _halves(scenes: Sequence[Clusters], resamples: int) -> NDArray[np.float64]:
     """(2, R) lower and higher weighted mean of the clusters whose signs are flipped and of the others.
 
     Flipped, a mean is as far from a supposed difference as the observed one, or farther, exactly when the difference lies
@@ -70,7 +71,7 @@ def _halves(scenes: Sequence[Clusters], options: IntervalOptions) -> NDArray[np.
     if len(clusters) <= _ALL_WAYS:
         flipped = np.arange(2 ** max(len(clusters) - 1, 0))[:, None] >> np.arange(len(clusters)) & 1
     else:
-        flipped = np.random.default_rng(options.seed).integers(2, size=(options.resamples, len(clusters)))
+        flipped = np.random.default_rng(SEED).integers(2, size=(resamples, len(clusters)))
         flipped[0], flipped[:, -1] = 0, 0
     ours = flipped @ clusters
     with np.errstate(invalid="ignore"):

@@ -44,7 +44,7 @@ from egosplat_rivals.scored_scenes import FULL, ScoredScene
 SETTINGS: dict[str, str | None] = {
     FULL: None,
     "full_pixels": "pixels",
-    **{name: name for name in (AS_GIVEN, "draft", "baseline", "occam", "occam_pixels")},
+    **{name: name for name in (AS_GIVEN, "no_sizes", "draft", "baseline", "occam", "occam_pixels")},
 }
 
 # What --release adds.
@@ -64,7 +64,7 @@ RELEASE = (
 # Configuration of all runs: what differs from the defaults.
 CONFIGURATION: dict[str, Any] = {
     "synthetic": {"camera": "real"},
-    "variants": {AS_GIVEN: {"metrics": {"held_out": "given"}}},
+    "variants": {AS_GIVEN: {"metrics": {"held_out": "given"}}, "no_sizes": {"query": {"size_weight": 0.0}}},
 }
 
 # Worlds of the apartments in the order of the draw, and the options of each beside the seed.

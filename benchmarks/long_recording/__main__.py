@@ -69,7 +69,7 @@ def run(stage: str, folder: Path, size: int, iterations: int) -> None:
         from egosplat.transient import stage as transient
         from egosplat.transient.options import TransientOptions
 
-        keys |= {"resolution": size, "max_gaussians": POINTS}
+        keys["resolution"] = size
         # Predictions are written frame by frame; they take hours here and no memory.
         with mock.patch.object(transient, "_put_probability", _no_prediction):
             transient.run(frames, poses, output, TransientOptions(**keys))

@@ -31,14 +31,14 @@ from benchmarks.rows import Rows, collect_page, read_source, rows_option, stamp
 from egosplat.errors import UserError
 from egosplat.evaluation.options import recorded_options
 from egosplat.files import write_text
-from egosplat.query.grades import FITS, LEAST_FOUND, LEAST_GUESS, held_keys, log_odds, read_fits
+from egosplat.query.grades import FITS, LEAST_FOUND, LEAST_GUESS, held_keys, read_fits
 from egosplat_rivals.scored_scenes import FULL, VALIDATION, ScoredScene, read_scored_scene
 
 # Shares of the words of readers that name what is there; the fit's own is near the first.
 SHARES = (0.42, 0.7, 0.9)
 
-# Evidence that the fit is compared with: the log-odds of the score, and the lead alone.
-LESS = (("score",), ("lead",), ("size", "lead"), EVIDENCE, ("score", *EVIDENCE))
+# Evidence that the fit is compared with.
+LESS = (("fit",), ("fit", "apart"), EVIDENCE)
 
 
 def asked_of(rows: Rows) -> pd.DataFrame:
@@ -85,8 +85,7 @@ def evidence_table(asked: pd.DataFrame) -> str:
     rows = [
         ("none", asked["true"].groupby(asked["scene"]).transform(lambda own: _mean_of_others(asked, own)))
     ]
-    scored = asked.assign(score=asked["score"].map(log_odds))
-    rows += [(", ".join(names), held_out(scored, names)) for names in LESS]
+    rows += [(", ".join(names), held_out(asked, names)) for names in LESS]
     table = [
         [name, f"{log_loss(p, asked['true']):.3f}", f"{brier(p, asked['true']):.3f}"] for name, p in rows
     ]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from benchmarks.rows import EVIDENCE
-from egosplat.query.grades import name_parts, shift_log_odds
+from egosplat.query.grades import log_odds, shift_log_odds
+from egosplat.query.text import name_parts
 
 # Penalty on the squares of the weights, but for the intercept: it keeps them finite where a scene has no wrong answer.
 RIDGE = 0.1
@@ -27,8 +28,11 @@ def judged(rows: pd.DataFrame) -> pd.DataFrame:
         phrase in named.get(scene, ()) for scene, phrase in zip(rows["scene"], rows["phrase"], strict=True)
     ]
     told = rows["right"].notna() | ((rows["present"] == 0) & ~np.array(is_part, bool))
-    kept = rows[(rows["untaught"] == 0) & rows["lead"].notna() & told]
-    return kept.assign(true=kept["right"].astype(float).fillna(0.0) * kept["present"])
+    kept = rows[(rows["untaught"] == 0) & rows["apart"].notna() & told]
+    # Rows of earlier texts have other evidence.
+    return kept.assign(
+        fit=kept["score"].map(log_odds), true=kept["right"].astype(float).fillna(0.0) * kept["present"]
+    )
 
 
 def errors(rows: pd.DataFrame) -> tuple[float, float]:

@@ -59,9 +59,9 @@ def test_what_tells_nothing_of_an_answer_is_left_out():
             ("a", "pillow", 0, 0, None, 0.0),
             ("b", "pillow", 0, 0, None, 0.0),
         ],
-        columns=["scene", "phrase", "present", "untaught", "right", "lead"],
+        columns=["scene", "phrase", "present", "untaught", "right", "apart"],
     )
-    assert judged(rows)[["phrase", "true"]].values.tolist() == [
+    assert judged(rows.assign(score=0.5))[["phrase", "true"]].values.tolist() == [
         ["couch", 1.0],
         ["vase", 0.0],
         ["pillow", 0.0],

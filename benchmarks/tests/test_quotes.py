@@ -9,7 +9,7 @@ import pytest
 from benchmarks import figures, quotes, rows
 from benchmarks.common import ROOT
 from egosplat.errors import UserError
-from egosplat.evaluation.intervals import RESAMPLING, cluster, clustered_interval
+from egosplat.evaluation.intervals import cluster, clustered_interval
 from tests.support.rows import SCENES, some_rows
 
 
@@ -176,7 +176,7 @@ def test_an_interval_is_that_of_the_rows_by_hand(source):
             row for row in table.itertuples() if (row.scene, row.setting, row.group) == (scene, "full", "all")
         ]
         clusters.append(cluster([row.hit for row in own], [row.category for row in own]))
-    bounds = clustered_interval(clusters, RESAMPLING)
+    bounds = clustered_interval(clusters)
     mean = np.mean([one.totals.sum() / one.counts.sum() for one in clusters])
     expected = f"{100 * mean:.0f} % ({100 * bounds.low:.0f} to {100 * bounds.high:.0f})"
     assert figures.compute(source, ["accuracy", "full"]) == expected

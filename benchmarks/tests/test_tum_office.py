@@ -56,8 +56,8 @@ def test_the_recording_is_read_as_a_plain_one(pictures, tmp_path):
     annotations = open_annotations("plain", output, AnnotationKeys(capture.camera))
     ids = np.array([0, *(instance.id for instance in annotations.instances)])
     for name, time in zip(DRAWING.pictures, capture.timestamp_ns.tolist(), strict=True):
-        found = annotations.instance_map(time)
+        layers = annotations.read(time)
         if name not in DRAWING.outlines:
-            assert found is None
+            assert layers is None
         else:
-            assert (ids[found + 1] == rasterize(DRAWING.outlines[name], 640, 480)).all()
+            assert (ids[layers[0] + 1] == rasterize(DRAWING.outlines[name], 640, 480)).all()

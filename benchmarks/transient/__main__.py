@@ -19,12 +19,15 @@ from benchmarks.transient.truth import read_truth
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, INSTANCES, TRANSIENT, is_track
 from egosplat.moving_regions import InstanceScores
-from egosplat.pipeline.config import defaults
 from egosplat.pipeline.home import title_of
 from egosplat.progress import log
-from egosplat.transient.masks_stage import looks_static, refined_mask, transient_instances
-
-KEYS = defaults()["masks"]
+from egosplat.transient.masks_stage import (
+    LEAST_OUTSTANDING,
+    PIXEL_PROBABILITY,
+    looks_static,
+    refined_mask,
+    transient_instances,
+)
 
 THRESHOLDS = tuple(round(0.05 * step, 2) for step in range(1, 20))
 # Least probability of a pixel that the network alone masks.
@@ -62,34 +65,28 @@ class Scene:
     def refined_by_truth(self) -> Sweep:
         """Scores refined by true instances."""
         labels = [true[None] for true in self.labels]
-        count = len(self.truth.moves)
-        return self._refined(labels, np.zeros(count, np.int8), {0}, np.ones(count, bool))
+        return self._refined(labels, np.ones(len(self.truth.moves), bool))
 
     def refined_by_segments(self) -> Sweep:
         """Scores refined by the instances of instances.zarr at all levels; none without that file."""
         if self.instances is None:
             return {}
         labels = [self.instances.row("labels", frame) for frame in range(len(self.labels))]
-        level, levels = self.instances.read("instances/level"), set(range(labels[0].shape[0]))
-        return self._refined(labels, level, levels, is_track(self.instances))
+        return self._refined(labels, is_track(self.instances))
 
-    def _refined(
-        self, labels: list[Labels], level: NDArray[np.int8], levels: set[int], may_move: NDArray[np.bool_]
-    ) -> Sweep:
-        found, outstanding = InstanceScores(len(level)), InstanceScores(len(level))
+    def _refined(self, labels: list[Labels], may_move: NDArray[np.bool_]) -> Sweep:
+        found, outstanding = InstanceScores(len(may_move)), InstanceScores(len(may_move))
         for frame in np.flatnonzero(self.train):
             found.add(labels[frame], self.probability[frame])
             if self.measured[frame]:
                 outstanding.add(np.where(self.compared, labels[frame], -1), self.stands_out[frame])
-        static = looks_static(outstanding, KEYS["stands_out"]) | ~may_move
-        chosen = {
-            t: transient_instances(found.scores, found.pixels, level, t, levels) & ~static for t in THRESHOLDS
-        }
+        static = looks_static(outstanding, LEAST_OUTSTANDING) | ~may_move
+        chosen = {t: transient_instances(found.scores, found.pixels, t) & ~static for t in THRESHOLDS}
         return {t: self._scores(self._masks(labels, one)) for t, one in chosen.items()}
 
     def _masks(self, labels: list[Labels], chosen: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
         return [
-            refined_mask(some, chosen) & (probability >= KEYS["pixel_probability"])
+            refined_mask(some, chosen) & (probability >= PIXEL_PROBABILITY)
             for some, probability in zip(labels, self.probability, strict=True)
         ]
 

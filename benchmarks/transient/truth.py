@@ -37,10 +37,10 @@ class Truth:
     def all_labels(self) -> Iterator[NDArray[np.int32]]:
         """(H, W) instance of each pixel, -1 for none, of all frames in turn."""
         for frame, time in enumerate(self._times.tolist()):
-            found = self._reader.instance_map(time)
-            if found is None:
+            layers = self._reader.read(time)
+            if layers is None:
                 raise ValueError(f"frame {frame} is not annotated")
-            yield found
+            yield layers[0]
 
 
 def read_truth(recording: Path, frames: Artifact) -> Truth:

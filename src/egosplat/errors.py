@@ -36,7 +36,16 @@ class UserError(Exception):
 
     The message names the file or key, what is wrong with it, and what to do. The command line
     prints it without a traceback and exits with status 2. Programming errors are never wrapped in it.
+    Secrets of addresses are left out.
     """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(without_secrets(message))
+
+
+def without_secrets(text: str) -> str:
+    """Leave names and passwords, and what follows a question mark, out of the addresses in a text."""
+    return re.sub(r"(://[^\s?]*\?)[^\s'\")]+", r"\1...", re.sub(r"(?<=://)[^\s/@]*@", "...@", text))
 
 
 def is_out_of_memory(error: Exception) -> bool:

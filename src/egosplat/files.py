@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError, user_message
+from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError, reraise_as, user_message
 
 
 @contextlib.contextmanager
@@ -43,6 +43,21 @@ def atomic_file(path: Path) -> Iterator[Path]:
             os.replace(scratch, path)
         finally:
             scratch.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def alone(mark: Path, what: str) -> Iterator[None]:
+    """Let one process at a time make ``what``; the file ``mark`` is there meanwhile (UserError: names the process that does)."""
+    mark.parent.mkdir(parents=True, exist_ok=True)
+    mark.touch()
+    try:
+        with _locked(mark):
+            mark.write_text(str(os.getpid()))
+            yield
+            mark.unlink()
+    except BlockingIOError:
+        told = f"process {mark.read_text()} is making it; wait for it, or end it: kill {mark.read_text()}"
+        raise UserError(f"{what}: {told}") from None
 
 
 @contextlib.contextmanager
@@ -98,6 +113,16 @@ def user_cache() -> Path:
     """The user's folder of what egosplat can make again: below ``XDG_CACHE_HOME``, or ``~/.cache``."""
     root = os.environ.get("XDG_CACHE_HOME")
     return (Path(root) if root else Path.home() / ".cache") / "egosplat"
+
+
+def read_users_json(path: Path, advice: str = "") -> Any:
+    """The content of a user's JSON file (UserError: it cannot be read; ends with the advice)."""
+
+    def told(error: Exception) -> UserError:
+        return UserError(f"{path}: cannot be read as JSON ({error}).{advice}")
+
+    with reraise_as(told, (OSError, ValueError)):
+        return read_json(path)
 
 
 def read_json(path: Path) -> Any:

@@ -5,6 +5,7 @@ import io
 import re
 import shlex
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,9 +16,9 @@ from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.models.checkpoints import CLIP, model_hash
+from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import LEAST_FOUND, LEAST_GUESS, grading_of, measure_evidence
 from egosplat.query.reading import read_questions
-from egosplat.query.relevancy import relevancy
 from egosplat.query.scene import QueryScene
 from egosplat.query.text import encode_phrases, encode_texts
 from egosplat.query.things import find_things
@@ -161,26 +162,22 @@ def test_the_picture_is_that_of_the_kernels(scene):
 
 
 @pytest.mark.parametrize("words", ["red couch", "blue cup", "wooden door"])
-def test_an_answer_is_that_of_python(scene, data, clip, words):
+def test_an_answer_is_that_of_python(scene, page_scene, data, clip, words):
     (facts, arrays), options = data, page_options()
-    canonical = encode_phrases(clip, options.canonical)
     features = torch.from_numpy(arrays["palette"].astype(np.float32))
-    fits = relevancy(features, encode_phrases(clip, [words]), canonical, options.temperature)[..., 0].numpy()
     surface, index = surface_of(facts, arrays), arrays["code_index"].astype(int)
-    values = np.stack([fits[level][index[level]] for level in range(2)])
-    values = np.where(surface.weight.T > 0, values, np.float32(0))
-    things = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
     code = torch.stack([features[level][index[level]] for level in range(2)], dim=1)
     share = torch.from_numpy(surface.weight > 0).float()
     decoder = Decoder((code.shape[2],), np.zeros(0, np.float32))
-    known = QueryScene(None, None, None, 0, code, share, decoder, facts["levels"])
-    texts, names = (encode_texts(clip, phrases, options.canonical) for phrases in ([words], facts["words"]))
+    instance = torch.from_numpy(arrays["instance"].T.astype(np.int64)) - 1
+    sizes = replace(open_scene(page_scene).asked.sizes, instance=instance)
+    known = QueryScene(None, None, None, 0, code, share, decoder, facts["levels"], sizes=sizes)
+    [values] = known.relevancy(encode_texts(clip, [words], options), options).numpy()
+    things = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
     grading = grading_of(CLIP_HASH, options)
-    evidence = measure_evidence(known, surface, things, texts, names, options.temperature)
-    ratings = list(map(grading.calibration.probability, evidence))
+    ratings = list(map(grading.calibration.probability, measure_evidence(things)))
     found = scene().evaluate(ASK, words)
-    assert found["score"] == pytest.approx(things[0].score, abs=1e-3)
-    assert found["rating"] == pytest.approx(ratings[0], abs=1e-3)
+    assert (found["score"], found["rating"]) == pytest.approx((things[0].score, ratings[0]), abs=1e-3)
     assert found["grade"] == grading.grade(ratings[0])
     graded = zip(things, ratings, strict=True)
     fitting = [pair for pair in graded if grading.grade(pair[1]) == found["grade"] != "not found"]
@@ -217,14 +214,14 @@ def test_a_query_colors_its_answer_and_a_jump_shows_it(scene):
 
 def test_the_list_of_what_is_here_goes_to_each_thing_and_tells_what_is_carried(scene_in_time):
     page = scene_in_time().page
-    assert page.inner_text("#inventory summary") == "What is here (3)"
+    assert page.inner_text("#inventory summary") == "What is here (4)"
     page.click("#inventory summary")
     names = page.locator("#catalog b").all_inner_texts()
-    assert names == ["couch", "cup", "cup"]
-    page.locator("#catalog button").nth(1).click()
+    assert names == ["cup", "couch", "wall", "cup"]
+    page.locator("#catalog button").nth(0).click()
     page.locator("#mark span", has_text=re.compile(r"^cup")).wait_for()
     assert page.inner_text("#answer") == "cup" and not page.locator("#heat").is_visible()
-    page.locator("#catalog button").nth(2).click()
+    page.locator("#catalog button").nth(3).click()
     page.locator("#history button", has_text="Carried").first.wait_for()
 
 

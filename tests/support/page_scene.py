@@ -91,7 +91,7 @@ def put_page_scene(
         masks = {"refined": rgb[..., 0] < 0, "instances/transient": masked & (np.arange(len(level)) == 6)}
         write("masks", masks, made_from=["instances"])
     made_with = {"options": small, "models": {"clip_checkpoint": digest}}
-    write("features", features, facts, made_from=["view_features"] * arm, **made_with)
+    write("features", features, facts, made_from=["view_features" if arm else "instances"], **made_with)
     names = ("means", "quats", "log_scales", "logit_opacities", "sh")
     stored = {name: getattr(gaussians, name).numpy() for name in names}
     facts = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": count}}

@@ -1,7 +1,6 @@
 """Scores as they stand in metrics.json."""
 
 OPTIONS = {
-    "hit_region": "box",
     "min_area": 0.001,
     "excluded": ["shelter"],
     "people": False,

@@ -67,23 +67,23 @@ def system(number: int, *file: str) -> OSError:
     [
         (UserError("config.yaml: has no key 'a'"), "", "config.yaml: has no key 'a'"),
         (UserError("out of memory"), "", "out of memory"),
+        (UserError("(https://me:pw@hub.org/a?token=pw) b"), "", "(https://...@hub.org/a?...) b"),
         (MemoryError(), "memory", NONE_LEFT),
         (system(errno.ENOMEM), "memory", NONE_LEFT),
-        (OSError("libraster.so: failed to map segment from shared object"), "memory", NONE_LEFT),
-        (ImportError("libtorch_cpu.so: failed to map segment from shared object"), "memory", NONE_LEFT),
+        *(
+            (kind("lib.so: failed to map segment from shared object"), "memory", NONE_LEFT)
+            for kind in (OSError, ImportError)
+        ),
         (RuntimeError("can't start new thread"), "memory", NONE_LEFT),
         (RuntimeError("could not create a primitive"), "memory", NONE_LEFT),
         (RuntimeError("unable to mmap 8 bytes: Cannot allocate memory (12)"), "memory", NONE_LEFT),
         (torch.OutOfMemoryError("CUDA out of memory. Tried to allocate 2 GiB."), "memory", NONE_LEFT),
         (system(errno.EACCES, "a"), "system", "a: Permission denied. Check the path and its rights"),
-        (system(errno.EMFILE, "a"), "system", "a: "),
-        (system(errno.EIO, "a"), "system", "a: "),
-        (system(errno.ESTALE, "a"), "system", "a: "),
+        *((system(number, "a"), "system", "a: ") for number in (errno.EMFILE, errno.EIO, errno.ESTALE)),
         (system(errno.ENOSPC, "a"), "", "a: No space left on device. Make room"),
         (system(errno.ENOSPC), "", "No space left on device. Make room"),
         # Of content that cannot be read.
-        (system(errno.ENOENT, "a"), "", "a: "),
-        (system(errno.ENOTDIR, "a"), "", "a: "),
+        *((system(number, "a"), "", "a: ") for number in (errno.ENOENT, errno.ENOTDIR)),
         # Errors of the program keep their traceback.
         (system(errno.EIO), "system", None),
         (OSError("broken data stream"), "", None),

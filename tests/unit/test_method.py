@@ -90,4 +90,4 @@ def test_the_page_gives_the_values_that_presets_have():
         for cell, preset in ((own, default), (papers, paper)):
             checked += len(cell)
             wrong += [(key, value) for key, value in cell.items() if not agrees(value, preset[key])]
-    assert checked > 100 and wrong == []
+    assert checked > 80 and wrong == []

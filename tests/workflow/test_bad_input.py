@@ -136,14 +136,6 @@ def test_a_bad_row_of_a_trajectory_is_named_by_its_line(scene, refused):
     assert "closed_loop_trajectory.csv, line 7" in refused(*poses(scene))
 
 
-def test_a_device_trajectory_of_a_plain_recording_is_refused(scene, refused, plain_frames, tmp_path):
-    path = video(tmp_path / "v.mp4")
-    changes = {"frames": plain_frames(path), "output": scene / "p.zarr", "method": "device"}
-    assert "poses.method = device: v.mp4 has no device trajectory" in refused(
-        *poses(scene, recording=path, **changes)
-    )
-
-
 @pytest.mark.parametrize(
     "files, problem",
     [
@@ -161,10 +153,13 @@ def test_bad_known_poses_leave_no_frames(scene, refused, tmp_path, files, proble
     assert problem in refused(*frames(scene, **changes))
 
 
-def test_pictures_that_do_not_reconstruct_give_no_poses(scene, refused, plain_frames, tmp_path):
+@pytest.mark.parametrize(
+    "method, problem", [("device", "has no device trajectory"), ("auto", "0 of 4 frames")]
+)
+def test_pictures_without_poses_are_refused(scene, refused, plain_frames, tmp_path, method, problem):
     path = video(tmp_path / "v.mp4")
-    changes = {"frames": plain_frames(path), "output": scene / "p.zarr"}
-    assert "0 of 4 frames" in refused(*poses(scene, recording=path, **changes))
+    changes = {"frames": plain_frames(path), "output": scene / "p.zarr", "method": method}
+    assert problem in refused(*poses(scene, recording=path, **changes))
 
 
 def test_a_damaged_artifact_is_named_by_its_readers_and_by_check(scene, refused):

@@ -233,7 +233,7 @@ def test_transient(scene):
 def test_true_instances(scene):
     said = run("true_instances.__main__", scene)
     rows = by_column(said)
-    assert [row["supervision"] for row in rows] == ["view", "average"]
+    assert [row["supervision"] for row in rows] == ["view", "inliers"]
     assert {row["queries"] for row in rows} == {str(recorded(scene)["scores"]["all"]["count"])}
 
 

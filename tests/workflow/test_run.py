@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -22,10 +23,14 @@ KEYS = (
 
 
 def egosplat_run(folder: Path, *given: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "egosplat.cli", "run", *given, "--preset", "draft", "--cores", "1"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")} | warm_stages()
-    settings = [word for key in KEYS for word in ("--set", key)]
-    words = [*command, *settings]
+    settings = shlex.join(word for key in KEYS for word in ("--set", key))
+    return shell(folder, f"egosplat run {shlex.join(given)} --preset draft --cores 1 {settings}")
+
+
+def shell(folder: Path, command: str) -> "subprocess.CompletedProcess[str]":
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src"), "PATH": path} | warm_stages()
+    words = ["bash", "-c", command]
     return subprocess.run(words, check=False, cwd=folder, env=environment, capture_output=True, text=True)
 
 
@@ -56,6 +61,14 @@ def test_a_video_becomes_a_scene_that_answers(clip, tmp_path):
 
     again = egosplat_run(folder, str(clip))
     assert again.returncode == 0 and "Nothing to be done" in again.stderr
+
+    # What a message tells to remove comes back, with the same settings.
+    splats, told = "results/mine/wall/splats.zarr", "egosplat query results/mine/wall couch 2>&1"
+    made = shell(folder, f'rm -r {splats}; eval "$({told} | sed "s/.*Make the scene: //")"; rm -r {splats}')
+    assert made.returncode == 0 and set(re.findall(r"\(Rule: (\w+)\)", made.stderr)) == {"splats"}, (
+        made.stderr
+    )
+    assert egosplat_run(folder, str(clip)).returncode == 0 and (folder / splats).is_dir()
 
     clip.with_name("wall.mp4.transforms.json").write_text("{}")
     failed = egosplat_run(folder, str(clip))

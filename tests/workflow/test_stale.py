@@ -38,7 +38,6 @@ def test_a_finished_run_has_nothing_to_do(workdir):
 SMALL_AGAIN = """
 models: {set: published, sam2_config: small, sam2_checkpoint: small, clip_model: small, clip_checkpoint: small}
 segments: {image_size: 512}
-features: {mismatched_views: keep_own}
 transient: {encoder_weights: null}
 """
 
@@ -49,19 +48,17 @@ transient: {encoder_weights: null}
         ("poses: {trajectory: ground_truth}", AFTER_POSES),
         ("poses: {method: colmap}", AFTER_POSES),
         ("segments: {segmenter: classical, min_frames: 4}", AFTER_SEGMENTS),
-        ("instances: {source: both}", AFTER_INSTANCES),
+        ("instances: {resolution: 200}", AFTER_INSTANCES),
         ("view_features: {min_area: 0.001}", AFTER_VIEWS),
-        ("features: {mad_k: 2.5}", AFTER_FEATURES),
+        ("features: {supervision: average}", AFTER_FEATURES),
         ("transient: {transient_penalty: 0.005}", AFTER_TRANSIENT),
         ("masks: {threshold: 0.5}", AFTER_SEGMENTS),  # the threshold of tracks, too
-        ("masks: {level: whole}", AFTER_MASKS),
         ("splats: {iterations: 41}", AFTER_SPLATS),
         ("camera: {refine_poses: on}", AFTER_GAUSSIANS),
         ("splats: {masking: none}", AFTER_SPLATS),
         ("language: {method: trained, iterations: 10}", AFTER_LANGUAGE),
         ("query: {canonical: [object, thing]}", {*AFTER_QUERIES, "scene_page"}),
-        ("metrics: {hit_region: mask}", AFTER_QUERIES),
-        ("annotations: {max_age_ms: 2.0}", {"annotations", "contact_sheet", *AFTER_QUERIES}),
+        ("metrics: {masks: classes}", AFTER_QUERIES),
         ("frames: {stride: 2}", AFTER_FRAMES),
         ("synthetic: {objects: 17}", {"synthetic", *AFTER_FRAMES}),
         ("poses: {trajectory: closed_loop}", set()),  # the default, written out

@@ -142,7 +142,7 @@ def test_a_static_scene_trains_gaussians_on_all_frames(work):
     [
         ("poses: {trajectory: ground_truth}\n", {"poses", "survey"}),
         ("survey: {min_view_change_deg: 0, min_moving_share: 1.0e-4}\n", {"survey"}),
-        ("features: {mad_k: 2.5}\n", set()),
+        ("features: {supervision: average}\n", set()),
     ],
 )
 def test_a_changed_key_reruns_the_survey_where_it_reaches_it(surveyed, config, rules):

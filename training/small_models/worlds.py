@@ -16,9 +16,6 @@ from egosplat_apartments.stage import make_renderer
 from egosplat_apartments.world.world import World, camera_pose, make_world
 from training.small_models.levels import Levels, find_levels
 
-# The paper's focal length of rectified pictures, at a side of 1408 px.
-FOCAL = 460.0
-
 # The subpart of pixels outside the lens circle.
 NOTHING = np.uint16(2**16 - 1)
 
@@ -56,7 +53,7 @@ def render_world(seed: int, settings: ClipSettings, folder: Path) -> None:
     rng = np.random.default_rng([seed, 100])
     world = make_furnished_world(seed, rng, settings.seconds)
     levels = find_levels(world)
-    renderer = make_renderer(world, pinhole_lens(pinhole(settings.size, FOCAL)))
+    renderer = make_renderer(world, pinhole_lens(pinhole(settings.size)))
     starts = settings.spacing_s * np.arange(settings.clips) + rng.uniform(0, 2.0, settings.clips)
     moments = (starts[:, None] + settings.step_s * np.arange(settings.frames)).ravel()
     shape = (settings.clips, settings.frames, settings.size, settings.size)

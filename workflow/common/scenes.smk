@@ -1,9 +1,18 @@
 """The table of scenes, the locks of a Snakemake that was killed, and the beginning of every shell command."""
 
 from egosplat.pipeline.config import resolve
-from egosplat.pipeline.process_guards import STARTED_BY, clear_stale_locks
+from egosplat.pipeline.home import SETTINGS
+from egosplat.pipeline.process_guards import (
+    STARTED_BY,
+    clear_stale_locks,
+    end_with_snakemake,
+)
 from egosplat.pipeline.scenes import default_scenes, find_scene, is_own
 from egosplat.pipeline.variants import read_scenes_with_presets
+
+# As a step ends with its Snakemake, Snakemake ends with the egosplat run that started it.
+end_with_snakemake()
+os.environ.pop(STARTED_BY, None)  # jobs on other machines start with this environment
 
 presets = find_home(PRESETS)
 settings = or_exit(resolve, config, presets)
@@ -18,6 +27,15 @@ if clear_stale_locks(Path(".snakemake")):
 TELL_IF_KILLED = workflow.source_path("../scripts/tell_if_killed.sh")
 AT_EXIT = f"sh {shlex.quote(TELL_IF_KILLED)} $? || true"
 
+# What the command sets beside the configuration file, as words of --config, for artifacts to record.
+usual = read_yaml(find_home(CONFIG))
+given = sorted((key, value) for key, value in config.items() if usual.get(key) != value)
+texts = (
+    (key, value if isinstance(value, str) else json.dumps(value))
+    for key, value in given
+)
+given_settings = shlex.quote(shlex.join(f"{key}={text}" for key, text in texts))
+
 # The first line repeats Snakemake's own prefix, which this one replaces: pipefail reports a failure before the pipe to
 # the log. PATH names the environment of Snakemake, which may not be activated.
 shell.prefix(
@@ -25,6 +43,7 @@ shell.prefix(
     f"trap {shlex.quote(AT_EXIT)} EXIT; "
     f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH; "
     f"export {STARTED_BY}=$PPID; "
+    f"export {SETTINGS}={given_settings.replace('{', '{{').replace('}', '}}')}; "
 )
 
 

@@ -1,5 +1,6 @@
 """The configuration file, which is read here first: Snakemake's message about a faulty one names no file."""
 
+import json
 import os
 import shlex
 import sys

@@ -18,6 +18,7 @@ from typing import Any
 import egosplat
 from egosplat.artifacts.reader import Artifact
 from egosplat.pipeline.code_hash import library_version
+from egosplat.pipeline.home import SETTINGS
 from egosplat.pipeline.process_guards import STARTED_BY
 from egosplat.pipeline.stages import STAGES, code_of
 
@@ -52,7 +53,8 @@ class Provenance:
     def record(self) -> dict[str, Any]:
         """Plain JSON values, with the machine, the commit, times and peak memory as of now."""
         values = {key: value for key, value in asdict(self).items() if key not in _CLOCKS}
-        return values | {"machine": machine()} | checkout() | self.cost()
+        about = {"machine": machine(), "settings": os.environ.get(SETTINGS, "")}
+        return values | about | checkout() | self.cost()
 
     def cost(self) -> dict[str, float | None]:
         """Time and peak memory as of now, with those of gathered jobs."""

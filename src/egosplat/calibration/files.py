@@ -7,14 +7,16 @@ as present for the same reason.
 import hashlib
 import os
 import re
+import shlex
 import struct
 from collections.abc import Mapping
 from contextlib import suppress
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, Literal
+from unicodedata import normalize
 
 from egosplat.errors import UserError
-from egosplat.files import expand_home, read_json, user_cache, write_json
+from egosplat.files import expand_home, read_json, read_users_json, user_cache, write_json
 
 Origin = Literal["real", "synthetic"]
 
@@ -24,6 +26,11 @@ OF_PICTURES = ("plain", "lerf", "3d_ovs")
 # The formats of pictures that are read, their calibration, the mask of the pixels that show the scene in all of them, and
 # instant-ngp's mask of the picture NAME.jpg, dynamic_mask_NAME.png: pixels that are not black move, and are left out.
 PICTURES = (".png", ".jpg", ".jpeg")
+# Formats that are not read: they may hold several images or more than 8 bits, or need further libraries.
+OTHER_PICTURES = (
+    *(".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl", ".jp2", ".jpe", ".jfif"),
+    *(".exr", ".hdr", ".ppm", ".pgm", ".tga", ".psd", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2"),
+)
 CAMERA_FILE, VALID_MASK, DYNAMIC_MASK = "camera.json", "valid.png", "dynamic_mask_"
 
 # The annotations of a plain recording, the table in their folder, and the names of the classes of a scene of 3D-OVS.
@@ -48,6 +55,14 @@ TRAJECTORIES = {
     "ground_truth": Path("aria_trajectory.csv"),
 }
 
+# Poses that are not read, a folder or a JSON file with this key, and how they become readable; {0} is the folder.
+_CONVERT = "nerfstudio's ns-process-data {1} --data {0} --output-dir NEW makes a folder to give"
+OTHER_POSES = {
+    "transforms_train.json": (b'"frames"', "cp {0}/transforms_train.json {0}/transforms.json, and give {0}"),
+    METADATA: (b'"poses"', _CONVERT.format("{0}", "record3d")),
+    "keyframes/cameras": (b"", _CONVERT.format("{0}", "polycam")),
+}
+
 # HOI4D: its two downloads, videos and annotations; shift_mask is aligned with the video where mask is not.
 HOI4D_VIDEO, HOI4D_INTRINSICS = Path("align_rgb") / "image.mp4", "intrin.npy"
 HOI4D_ROOTS, HOI4D_MASKS = ("HOI4D_release", "HOI4D_annotations"), ("shift_mask", "mask")
@@ -62,10 +77,7 @@ def recording_origin(format: str, recording: Path) -> Origin:
     path = recording / METADATA
     if format != "adt" or not os.path.lexists(path):
         return "real"
-    try:
-        metadata = read_json(path)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
+    metadata = read_users_json(path, " Download it again.")
     return "synthetic" if isinstance(metadata, dict) and metadata.get("origin") == "synthetic" else "real"
 
 
@@ -262,6 +274,17 @@ def present_known_poses(recording: Path, wanted: str) -> list[str]:
     return present
 
 
+def other_poses(recording: Path) -> str | None:
+    """Name poses in a folder or above it that are not read, and what makes them readable; None if there are none."""
+    for folder in (recording, *recording.absolute().parents[:2]):
+        for name, (key, advice) in OTHER_POSES.items():
+            path = folder / name
+            # Many programs write a metadata.json.
+            if path.is_dir() or (path.is_file() and key in path.read_bytes()):
+                return f"{path}: these poses are not read; {advice.format(shlex.quote(str(folder)))}"
+    return None
+
+
 def known_poses_path(recording: Path, kind: str) -> Path:
     """The file or folder with the known poses of a kind, which need not exist."""
     path = companion_path(recording, KNOWN_POSES[kind])
@@ -280,7 +303,7 @@ def known_pose_files(recording: Path, wanted: str) -> list[Path]:
             points, frames = _read_frames(path)
             given = [points, *(frame.get("mask_path") for frame in frames)]
             named = dict.fromkeys(name for name in given if isinstance(name, str) and name)
-            files += [path, *(path.parent / name for name in named)]
+            files += [path, *(named_path(path.parent, name) for name in named)]
     return files
 
 
@@ -303,10 +326,20 @@ def picture_folders(recording: Path, wanted: str) -> list[Path]:
 
 
 def _named_folders(recording: Path, root: Path, names: list[str]) -> list[Path]:
-    """The folders of a recording to which names lead from ``root``."""
-    named = dict.fromkeys(os.path.normpath((root / name.replace("\\", "/")).parent) for name in names)
-    whole = os.path.normpath(recording)
-    return [folder for folder in map(Path, named) if folder.is_relative_to(whole) and os.path.isdir(folder)]
+    """The folders of a recording to which names lead from ``root``; of a name from elsewhere its end does."""
+    whole, folders = os.path.normpath(recording), dict[Path, None]()
+    for parts in dict.fromkeys(PurePosixPath(name.replace("\\", "/")).parts[:-1] for name in names):
+        ends = (named_path(root, "/".join(parts[start:])) for start in range(len(parts) or 1))
+        inside = (end for end in map(os.path.normpath, ends) if Path(end).is_relative_to(whole))
+        folders |= dict.fromkeys(map(Path, [end for end in inside if os.path.isdir(end)][:1]))
+    return [*folders]
+
+
+def named_path(folder: Path, name: str) -> Path:
+    """What a name of a user's file, with / or \\, leads to from a folder, however its letters are composed (macOS takes ü apart)."""
+    plain = name.replace("\\", "/")
+    spelled = (folder / each for each in (plain, *(normalize(form, plain) for form in ("NFC", "NFD"))))
+    return next(filter(os.path.lexists, spelled), folder / plain)
 
 
 def _names(recording: Path, kind: str) -> list[str]:

@@ -5,16 +5,18 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.calibration import files
 from egosplat.calibration.colmap_model import Contents, read_model
-from egosplat.calibration.files import KNOWN_POSES, known_poses_path, present_known_poses
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.errors import UserError
 from egosplat.geometry import is_rigid
+from egosplat.progress import log
 
 # A rotation that was written with few digits is made orthonormal up to this deviation.
 _MAX_DEVIATION = 1e-3
@@ -23,24 +25,21 @@ _MAX_NAMES = 3
 # Share of the cameras by which the size of the scene is told, and the farthest from the origin in units of it: float32 then
 # still tells a pixel from the next.
 _MOST, _MAX_REACH = 0.9, 1e4
-# Not every end after a dot is an extension: ``frame.0001``.
-_EXTENSIONS = (
-    *(".png", ".jpg", ".jpeg", ".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl"),
-    *(".exr", ".ppm", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf"),
-)
 
 
 def find_known_poses(recording: Path, wanted: str) -> str | None:
-    """The kind of a recording's known poses, a key of ``KNOWN_POSES``, by ``frames.known_poses``; None
+    """The kind of a recording's known poses, a key of ``files.KNOWN_POSES``, by ``frames.known_poses``; None
     without any. UserError if the wanted file does not exist, or ``auto`` finds two."""
-    present = present_known_poses(recording, wanted)
-    if wanted in KNOWN_POSES and not present:
-        path = known_poses_path(recording, wanted)
+    present = files.present_known_poses(recording, wanted)
+    if wanted in files.KNOWN_POSES and not present:
+        path = files.known_poses_path(recording, wanted)
         raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
     if len(present) > 1:
         folder = recording if recording.is_dir() else recording.parent
-        names = " and ".join(os.path.relpath(known_poses_path(recording, kind), folder) for kind in present)
+        names = " and ".join(os.path.relpath(files.known_poses_path(recording, k), folder) for k in present)
         raise UserError(f"{recording}: has {names}. Choose with frames.known_poses={' or '.join(present)}.")
+    if wanted == files.AUTO and not present and recording.is_dir() and (told := files.other_poses(recording)):
+        log(told)
     return present[0] if present else None
 
 
@@ -48,7 +47,7 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
     """Read the known poses of a recording, of a kind from ``find_known_poses``. ``width`` and ``height`` are
     those of the full pictures [px], for a file that does not name them. UserError if the file is damaged, a
     camera is not supported, or a pose is not rigid or far from all others."""
-    path = known_poses_path(recording, kind)
+    path = files.known_poses_path(recording, kind)
     contents = read_model(path) if kind == "colmap" else read_transforms(path, width, height)
     for lens in contents.lenses:
         lens.check(f"{path}: {contents.names[contents.cameras.index(lens)]}")
@@ -138,6 +137,7 @@ def _number_of(name: str) -> int | None:
 
 def _parts(name: str) -> tuple[str, ...]:
     """The folders and the name of a picture, without its extension."""
-    base = PurePosixPath(name.replace("\\", "/"))
-    known = base.suffix.lower() in _EXTENSIONS
+    base = PurePosixPath(normalize("NFC", name).replace("\\", "/"))
+    # Not every end after a dot is an extension: ``frame.0001``.
+    known = base.suffix.lower() in (*files.PICTURES, *files.OTHER_PICTURES)
     return (*base.parts[:-1], base.stem if known else base.name)

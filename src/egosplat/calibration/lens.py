@@ -26,6 +26,9 @@ _BORDER_POINTS = 200
 # Largest error of undistorting and distorting a point again [px]. Above it, the distortion cannot be inverted.
 _MAX_ROUND_TRIP_PX = 0.1
 _ROWS_PER_BLOCK = 256
+# What cameras can have: focal lengths in units of the longer side (views of 157 to 1.9 degrees), how often one holds the other
+# (2 with an anamorphic lens), and by how much distortion magnifies. What is outside has another unit, or is damaged.
+SHORTEST, LONGEST, _UNEVEN, _MAGNIFIED = 0.1, 30.0, 3.0, 3.0
 # Far enough outside the picture that bilinear sampling gives 0.
 _OUTSIDE = -10.0
 
@@ -69,10 +72,14 @@ class Lens:
             models = ", ".join(_MODELS)
             raise UserError(f"{source}: camera model {self.model} is not supported. Supported: {models}.")
         fx, fy, cx, cy = self._linear()
-        inside = 0 <= cx < self.width and 0 <= cy < self.height
-        if not (np.isfinite(self.params).all() and fx > 0 and fy > 0 and inside):
-            rule = "fx, fy must be positive, (cx, cy) inside the image, and all numbers finite"
-            raise UserError(f"{source}: {rule}.")
+        inside = 1 <= cx <= self.width - 1 and 1 <= cy <= self.height - 1
+        least, most = (limit * max(self.width, self.height) for limit in (SHORTEST, LONGEST))
+        usual = least <= min(fx, fy) and max(fx, fy) <= min(most, _UNEVEN * min(fx, fy))
+        if not (np.isfinite(self.params).all() and usual and inside):
+            bounds = f"in pixels, {least:g} to {most:g}, one at most {_UNEVEN:g} times the other"
+            rule = f"fx, fy must be {bounds}, (cx, cy) inside, and all numbers finite"
+            given = f"{self.model} {list(self.params)} of {self.width}x{self.height} px"
+            raise UserError(f"{source}: {rule}, not {given}.")
         try:
             _ = self.pinhole
         except UserError as error:
@@ -98,6 +105,9 @@ class Lens:
             return Camera(self.width, self.height, fx, fy, cx, cy)
         left, top, right, bottom = self.inner_view()
         zoom = max(self.width / (fx * (right - left)), self.height / (fy * (bottom - top)))
+        if zoom > _MAGNIFIED:
+            told = f"{self.model} lens {list(self.params)} magnifies the picture {zoom:.3g} times"
+            raise UserError(f"the {told}. Calibrate again.")
         fx, fy = fx * zoom, fy * zoom
         # As near to the lens's principal point as the view allows.
         cx = float(np.clip(cx, self.width - right * fx, -left * fx))

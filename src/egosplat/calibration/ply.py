@@ -6,14 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from egosplat.errors import UserError, reraise_as
+from egosplat.progress import log
 
 # numpy's types by the names of C and of numpy, and orders of bytes.
 _TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"}
 _TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4", "int8": "i1", "int16": "i2", "int32": "i4"}
 _TYPES |= {"uint8": "u1", "uint16": "u2", "uint32": "u4", "float32": "f4", "float64": "f8"}
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-# Color of points without one.
+# Color of points without one, and the names of colors, in small letters: usual, of MeshLab, and of PCL.
 _GREY = 128
+_COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 
 
 def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
@@ -23,31 +25,33 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     if not {*"xyz"} <= names:
         raise UserError(f"{path}: not a readable PLY file of points (no x, y, z).")
     points = np.stack([vertices[axis] for axis in "xyz"], axis=-1).astype(np.float64)
-    if not {"red", "green", "blue"} <= names:
+    own = {name.lower(): vertices[name] for name in names}
+    if (found := next((each for each in _COLORS if {*each} <= own.keys()), None)) is None:
+        log(f"{path}: its points have no {', '.join(_COLORS[0])}, and are gray")
         return points, np.full(points.shape, _GREY, np.uint8)
-    colors = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=-1)
-    if colors.dtype == np.uint8:
-        return points, colors
-    # Fractions, or numbers up to the largest of their type.
-    most = np.iinfo(colors.dtype).max if np.issubdtype(colors.dtype, np.integer) else 1.0
-    return points, np.rint(np.nan_to_num(colors / most).clip(0, 1) * 255).astype(np.uint8)
+    colors = np.nan_to_num(np.stack([own[name].astype(np.float64) for name in found], axis=-1))
+    # Fractions, or numbers of up to 8, 16 or 32 bits.
+    least = 1.0 if own[found[0]].dtype.kind == "f" else 255.0
+    most = next((most for most in (least, 255.0, 65535.0) if colors.max(initial=0) <= most), 2.0**32)
+    return points, np.rint((colors / most).clip(0, 1) * 255).astype(np.uint8)
 
 
 def read_vertices(path: Path) -> NDArray[np.void]:
     """The table of vertices of a PLY file, by the header's columns; UserError if it is damaged or they are not first."""
     with reraise_as(
         lambda error: UserError(f"{path}: not a readable PLY file of points ({str(error)[:100]})."),
-        (OSError, ValueError, KeyError, IndexError, TypeError),
+        (OSError, ValueError, KeyError, IndexError, TypeError, OverflowError),
     ):
-        head, end, body = path.read_bytes().partition(b"end_header")
-        lines = [words for line in head.decode("ascii").splitlines() if (words := line.split())]
+        head, end, body = path.read_bytes().partition(b"\nend_header")
+        # Comments have any letters.
+        lines = [words for line in head.decode(errors="replace").splitlines() if (words := line.split())]
         if not end or lines[0] != ["ply"]:
             raise ValueError("no header")
         (order,) = [_ORDERS[words[1]] for words in lines if words[0] == "format"]
         first, *others = [index for index, words in enumerate(lines) if words[0] == "element"]
         _, element, count = lines[first]
-        if element != "vertex":
-            raise ValueError(f"its first element is {element}")
+        if element != "vertex" or int(count) < 0:
+            raise ValueError(f"its first element is {element} {count}")
         columns = [words for words in lines[first : others[0] if others else None] if words[0] == "property"]
         table = np.dtype([(name, order + _TYPES[kind]) for _, kind, name in columns])
         body = body.partition(b"\n")[2]

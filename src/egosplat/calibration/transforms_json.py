@@ -8,10 +8,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from egosplat.calibration.colmap_model import Contents
+from egosplat.calibration.files import named_path
 from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
-from egosplat.files import read_json
+from egosplat.files import read_users_json
 from egosplat.geometry import OPENGL_AXES, is_rigid
 
 _FISHEYE = "OPENCV_FISHEYE"
@@ -65,10 +66,7 @@ class _View(BaseModel):
 def read_transforms(path: Path, width: int, height: int) -> Contents:
     """Read the cameras, the poses and the points; UserError if the file is damaged, or has a key that is not
     supported. ``width`` and ``height`` are those of the pictures [px], for files that do not name them."""
-    try:
-        content = read_json(path)
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: not readable as JSON ({error}).") from error
+    content = read_users_json(path)
     document = _checked(_Document, content if isinstance(content, dict) else {}, str(path))
     of_file, size = document.model_extra or {}, {"w": width, "h": height}
     views = [
@@ -76,7 +74,7 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
     ]
     points, colors = np.empty((0, 3)), np.empty((0, 3), np.uint8)
     if document.ply_file_path is not None:
-        points, colors = read_points(path.parent / document.ply_file_path)
+        points, colors = read_points(named_path(path.parent, document.ply_file_path))
     notes: dict[str, Any] = {}
     if document.applied_transform:
         notes["applied_transform"] = applied = document.applied_transform[:3]
@@ -94,7 +92,7 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
         point_rgb=colors,
         point_views=np.zeros(len(points), np.int64),
         point_error_px=np.zeros(len(points)),
-        masks=[path.parent / view.mask_path if view.mask_path else None for view in views],
+        masks=[named_path(path.parent, view.mask_path) if view.mask_path else None for view in views],
         unread=[key for key in given if key not in (*_CAMERA, *_REFUSED, *_View.model_fields)],
         notes=notes,
     )
@@ -106,7 +104,8 @@ def _checked(model: type[Some], entries: Any, where: str) -> Some:
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(step) for step in first["loc"] if step != "numbers")
-        raise UserError(f"{where}: {key}: {first['msg']}.") from error
+        given = f", not the text {first['input']!r:.40}" if isinstance(first["input"], str) else ""
+        raise UserError(f"{where}: {key}: {first['msg']}{given}.") from error
 
 
 def _view(frame: dict[str, Any], of_file: dict[str, Any], size: dict[str, int], where: str) -> _View:
@@ -129,7 +128,7 @@ def _view(frame: dict[str, Any], of_file: dict[str, Any], size: dict[str, int], 
 def _lens(view: _View, where: str) -> Lens:
     """The camera of a frame as COLMAP has it."""
     numbers, width, height, model = view.numbers, view.w, view.h, view.camera_model
-    focal = [_focal_length(numbers, "x", width), _focal_length(numbers, "y", height)]
+    focal = [_focal_length(numbers, *side, where) for side in (("x", width), ("y", height))]
     given = [each for each in focal if each is not None]
     if not given:
         raise UserError(f"{where}: has neither fl_x nor camera_angle_x, so the focal length is not known.")
@@ -148,9 +147,14 @@ def _lens(view: _View, where: str) -> Lens:
     return Lens("OPENCV", width, height, (*pinhole, k1, k2, p1, p2))
 
 
-def _focal_length(numbers: dict[str, float], axis: str, side: int) -> float | None:
-    """The focal length [px] along an axis, given as it is or by the angle of view; None without either."""
+def _focal_length(numbers: dict[str, float], axis: str, side: int, where: str) -> float | None:
+    """The focal length [px] along an axis, given as it is or by the angle of view; None without either, UserError for no such angle."""
     if f"fl_{axis}" in numbers:
         return numbers[f"fl_{axis}"]
-    angle = numbers.get(f"camera_angle_{axis}", math.radians(numbers.get(f"{axis}_fov", 0.0)))
-    return side / (2 * math.tan(angle / 2)) if 0 < angle < math.pi else None
+    for key, most in ((f"camera_angle_{axis}", math.pi), (f"{axis}_fov", 180.0)):
+        if angle := numbers.get(key):
+            if not 0 < angle < most:
+                unit = "radians" if most == math.pi else "degrees"
+                raise UserError(f"{where}: {key} is {angle:g}, not 0 to {most:.3g} {unit}.")
+            return side / (2 * math.tan(angle / most * math.pi / 2))
+    return None

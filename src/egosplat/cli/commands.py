@@ -1,5 +1,6 @@
 """The command line: a sub-command for each stage, with the stage's paths as flags and its keys in ``--set``."""
 
+import difflib
 import os
 import sys
 from importlib import import_module
@@ -44,7 +45,10 @@ class Commands(click.Group):
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         stage = name.replace("-", "_")
-        return stage_command(stage) if stage in STAGES else super().get_command(context, name)
+        command = stage_command(stage) if stage in STAGES else super().get_command(context, name)
+        if command is None and (near := difflib.get_close_matches(name, self.list_commands(context), n=1)):
+            context.fail(f"There is no command {name!r}. Did you mean {near[0]!r}?")
+        return command
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands by group, one line each."""

@@ -248,7 +248,8 @@ def run(
         assert query.callback is not None
         query.callback(folder, words, AskingOptions())
     where = shlex.quote(str(folder))
-    click.echo(f"{folder} is ready.")
+    size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+    click.echo(f"{folder} is ready, {size / 1e6:,.0f} MB; {folder / 'scene.html'} is its page, to share.")
     click.echo(f"  egosplat query {where} chair table cup    where is it?")
     click.echo(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
     if show:

@@ -10,7 +10,6 @@ from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.evaluation_frames import Evaluation, RegionScore, summarise_rendering
-from egosplat.evaluation.intervals import RESAMPLING
 from egosplat.evaluation.scores import AnsweredQuery, pixel_accuracy, summarise
 from egosplat.files import write_json
 from egosplat.models.checkpoints import SMALL
@@ -74,7 +73,7 @@ def answer_entries(
     """The entries of queries and evaluation frames with their scores, and with ``metrics.masks`` classes of the pixels."""
     groups = [entry.groups for entry in answered]
     entries = {
-        "scores": summarise([entry.query.category for entry in answered], groups, RESAMPLING),
+        "scores": summarise([entry.query.category for entry in answered], groups),
         "queries": [_query_entry(entry, evaluation) for entry in answered],
         "frames": [
             {

@@ -12,17 +12,8 @@ from scipy import stats
 # Means of categories that differ by less are equal up to rounding.
 SAME = 1e-12
 
-
-@dataclass(frozen=True)
-class IntervalOptions:
-    """Options of the bootstrap."""
-
-    confidence: float
-    resamples: int
-    seed: int
-
-
-RESAMPLING = IntervalOptions(confidence=0.95, resamples=10_000, seed=0)
+# The bootstrap. Intervals of tests and simulations take fewer resamples.
+CONFIDENCE, RESAMPLES, SEED = 0.95, 10_000, 0
 
 
 class Interval(NamedTuple):
@@ -61,7 +52,7 @@ def mean_of_scenes(scenes: Sequence[Clusters]) -> float:
 
 
 def clustered_interval(
-    scenes: Sequence[Clusters], options: IntervalOptions, least: float = 0.0, most: float = 1.0
+    scenes: Sequence[Clusters], resamples: int = RESAMPLES, *, least: float = 0.0, most: float = 1.0
 ) -> Interval | None:
     """Confidence interval of ``mean_of_scenes`` for other categories and scenes; None with fewer than two categories.
 
@@ -76,30 +67,30 @@ def clustered_interval(
     # differ, each by as much as is possible.
     if np.ptp(means) <= SAME:
         value = float(means[0])
-        others = stats.binomtest(0, len(means)).proportion_ci(options.confidence, method="wilson").high
+        others = stats.binomtest(0, len(means)).proportion_ci(CONFIDENCE, method="wilson").high
         return Interval(value - others * (value - least), value + others * (most - value))
-    low, high = _bounds(scenes, len(means), options)
+    low, high = _bounds(scenes, len(means), resamples)
     return Interval(max(low, least), min(high, most))
 
 
-def _bounds(scenes: Sequence[Clusters], clusters: int, options: IntervalOptions) -> tuple[float, float]:
-    resampled = _resampled(scenes, options)
+def _bounds(scenes: Sequence[Clusters], clusters: int, resamples: int) -> tuple[float, float]:
+    resampled = _resampled(scenes, resamples)
     # The percentiles are expanded for a small number K of categories: the tails are those of Student's distribution
     # times sqrt(K / (K - 1)) (Hesterberg 2015, "What teachers should know about the bootstrap").
-    student = stats.t.ppf((1 + options.confidence) / 2, clusters - 1) * math.sqrt(clusters / (clusters - 1))
+    student = stats.t.ppf((1 + CONFIDENCE) / 2, clusters - 1) * math.sqrt(clusters / (clusters - 1))
     # The smallest and the largest of a few categories cover less than the confidence (of five, 94 %). Student's interval
     # with the bootstrap's standard deviation replaces the percentiles.
-    if 2.0 ** (1 - clusters) > 1 - options.confidence:
+    if 2.0 ** (1 - clusters) > 1 - CONFIDENCE:
         mean, half = mean_of_scenes(scenes), float(student * resampled.std())
         return mean - half, mean + half
     low, high = np.quantile(resampled, [stats.norm.sf(student), stats.norm.cdf(student)])
     return float(low), float(high)
 
 
-def _resampled(scenes: Sequence[Clusters], options: IntervalOptions) -> NDArray[np.float64]:
+def _resampled(scenes: Sequence[Clusters], resamples: int) -> NDArray[np.float64]:
     """(R,) means of resampled scenes and categories: scenes first, then the categories of each drawn scene."""
-    rng = np.random.default_rng(options.seed)
-    shape = (options.resamples, len(scenes))
+    rng = np.random.default_rng(SEED)
+    shape = (resamples, len(scenes))
     # A single scene is drawn always, so its interval covers other categories only.
     drawn = rng.integers(len(scenes), size=shape) if len(scenes) > 1 else np.zeros(shape, np.int64)
     means = np.empty(shape)

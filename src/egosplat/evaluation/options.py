@@ -43,10 +43,6 @@ class ScoringOptions(Options, section="metrics"):
     """Query people too. The paper does not say whether it does. Moving pixels are masked out of training, so this
     scores the absence of people."""
 
-    hit_region: Annotated[Literal["box", "mask"], READING] = "box"
-    """Region that the most relevant pixel must hit. box: the bounding box of an instance, as in LangSplat's
-    benchmark. mask: its pixels, which is stricter."""
-
     masks: Annotated[Literal["threshold", "classes"], READING] = "threshold"
     """Which pixels are a query's mask. threshold: those above query.segmentation_threshold, as in LangSplat's
     benchmark. classes: those where it is the most relevant of all categories of the recording, as in 3D-OVS's."""

@@ -16,8 +16,9 @@ from egosplat.frames.recording import Instance
 from egosplat.gaussians.render import view_of
 from egosplat.query.answers import Thing
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import FOUND, GUESS, name_parts
+from egosplat.query.grades import FOUND, GUESS
 from egosplat.query.scene import QueryScene, rendering_camera
+from egosplat.query.text import name_parts
 from egosplat.rasterize.view import composite
 
 # Longer side of the views that compare things with annotations [px]: shares of a thing need no more detail.

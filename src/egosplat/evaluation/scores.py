@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import seconds_of
 from egosplat.evaluation.evaluation_frames import Evaluation
-from egosplat.evaluation.intervals import IntervalOptions, cluster, clustered_interval
+from egosplat.evaluation.intervals import cluster, clustered_interval
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, instances_of, mask_of, read_layers
 from egosplat.frames.recording import Instance
@@ -37,13 +37,13 @@ class Result:
 
 
 def score_query(
-    query: Query, pixel: tuple[int, int] | None, mask: Mask, layers: InstanceMap, valid: Mask, hit_region: str
+    query: Query, pixel: tuple[int, int] | None, mask: Mask, layers: InstanceMap, valid: Mask
 ) -> dict[str, Result]:
     """Score the pixel and mask of one ``ViewMatch`` against the instances of each group, in (..., H, W) int32 layers of its
     frame, see ``read_layers``; (H, W) bool ``valid`` pixels show the scene."""
     results = {}
     for name, members in query.instances.items():
-        area = target_area(layers, members, hit_region)
+        area = target_area(layers, members)
         height, width = area.shape
         results[name] = Result(
             hit=pixel is not None and bool(area[pixel[1], pixel[0]]),
@@ -61,9 +61,7 @@ def iou(predicted: Mask, target: Mask, valid: Mask) -> float:
     return float((predicted & target).sum() / (predicted | target).sum())
 
 
-def summarise(
-    categories: Sequence[str], scores: Sequence[Mapping[str, Result]], options: IntervalOptions
-) -> dict[str, dict[str, Any]]:
+def summarise(categories: Sequence[str], scores: Sequence[Mapping[str, Result]]) -> dict[str, dict[str, Any]]:
     """The entry ``scores`` of ``metrics.json``: of each of ``GROUPS``, from the category of each query and its ``score_query``.
 
     ``accuracy`` is the share of queries that hit, ``mean_iou`` a plain mean over queries, as in LangSplat
@@ -80,19 +78,17 @@ def summarise(
             "count": len(results),
             "categories": len(hits.counts),
             "accuracy": hits.mean,
-            "accuracy_interval": clustered_interval([hits], options),
+            "accuracy_interval": clustered_interval([hits]),
             "mean_iou": ious.mean,
-            "mean_iou_interval": clustered_interval([ious], options),
+            "mean_iou_interval": clustered_interval([ious]),
             "random_pixel": cluster([result.random_hit for result in results], asked).mean,
             "middle_pixel": cluster([result.middle_hit for result in results], asked).mean,
         }
     return summary
 
 
-def target_area(layers: InstanceMap, instances: Sequence[int], hit_region: str) -> Mask:
-    """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances, by ``metrics.hit_region``."""
-    if hit_region == "mask":
-        return mask_of(layers, instances)
+def target_area(layers: InstanceMap, instances: Sequence[int]) -> Mask:
+    """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances: those of its box, as in LangSplat's benchmark."""
     area = np.zeros(layers.shape[-2:], np.bool_)
     for x0, y0, x1, y1 in bounding_boxes(layers, instances):
         # The last column and row belong to the box.
@@ -135,7 +131,7 @@ def run_queries(
             classes = options.masks == "classes"
             yield AnsweredQuery(
                 query,
-                score_query(query, answer.pixel, answer.mask, layers, valid, options.hit_region),
+                score_query(query, answer.pixel, answer.mask, layers, valid),
                 count_right(query, answer.mask, layers, instances) if classes else None,
                 {
                     "relevancy": answer.score,

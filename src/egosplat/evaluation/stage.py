@@ -21,7 +21,7 @@ from egosplat.evaluation.evaluation_frames import (
     read_evaluation,
     summarise_rendering,
 )
-from egosplat.evaluation.intervals import RESAMPLING
+from egosplat.evaluation.intervals import CONFIDENCE, RESAMPLES, SEED
 from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
@@ -66,7 +66,7 @@ def run(
     tracked = () if histories_path is None else (open_artifact(histories_path, HISTORIES),)
     scene = scene_of([*artifacts, encoded, *tracked], options)
     made_from, used = scene.made_from, list(scene.made_from.found.values())
-    keys = options.as_dict() | asdict(RESAMPLING)
+    keys = options.as_dict() | {"confidence": CONFIDENCE, "resamples": RESAMPLES, "seed": SEED}
     models = {key: model["hash"] for key, model in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, used, models)
     evaluation = read_evaluation(frames, poses, annotations, splats, options.held_out)

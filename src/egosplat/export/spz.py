@@ -42,7 +42,10 @@ def write_spz(path: Path, gaussians: Gaussians, sh_degree: int) -> None:
     bits = int(np.clip(22 - np.ceil(np.log2(reach)), 1, 22))
     chosen = gaussians.select(torch.from_numpy(farthest < 2.0 ** (23 - bits)))
     if left_out := gaussians.count - chosen.count:
-        log(f"{path}: {left_out} of {gaussians.count} Gaussians are too far away for this format")
+        told = f"{path}: {left_out} of {gaussians.count} Gaussians are too far away for this format"
+        if not chosen.count:
+            raise UserError(f"{told}. Export ply")
+        log(told)
     rest = chosen.sh[:, 1 : (sh_degree + 1) ** 2].numpy()
     data = GSData(
         means=chosen.means.numpy() * _TURNED,

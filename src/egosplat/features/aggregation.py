@@ -4,8 +4,7 @@ For views F_j with channel-wise median F~ and deviations d_j from it, a view is 
 The paper leaves the deviation open (docs/method.md#deviation):
 
 - ``element``: |F_j - F~| in each channel separately, so each channel has its own inliers;
-- ``euclidean``: the norm of F_j - F~;
-- ``cosine``: 1 - cos(F_j, F~);
+- ``cosine``: 1 - cos(F_j, F~), of histories alone;
 - ``none``: every view is an inlier.
 """
 
@@ -20,7 +19,10 @@ from egosplat.language.vectors import unit
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-NORMS = ("element", "euclidean", "cosine", "none")
+NORMS = ("element", "cosine", "none")
+
+# The paper's k. Lower rejects more views, higher keeps views of the wrong object.
+MAD_K = 3.0
 
 # Block size: 2 MiB of float64 fit into a processor's cache.
 _NUMBERS_AT_ONCE = 2**18
@@ -33,7 +35,7 @@ class Aggregate:
     Attributes:
         feature: (N, D) float64; 0 for an instance without views.
         views: (N,) int32 number of views.
-        inlier: (R,) bool inliers; for ``element``, views that are inliers in at least half of the channels.
+        inlier: (R,) bool inliers in at least half of the channels.
     """
 
     feature: Floats
@@ -69,26 +71,24 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
     values = views.astype(np.float64)
     if norm == "none":
         return values.mean(axis=1), np.ones(values.shape[:2], bool)
-    if norm == "element":
-        kept = _kept_channels(values, k)
-        # No single channel decides whether the view counts as an inlier; half of them do.
-        return _mean(values, kept), 2 * kept.sum(axis=2) >= kept.shape[2]
-    distance, limit = _distances(values, norm, k)
-    kept = distance <= limit[:, None]
-    return _mean(values, kept[..., None]), kept
+    if norm == "cosine":
+        # 1 - cos = |u - v|^2 / 2, which is exactly 0 for equal vectors.
+        distance = (
+            np.linalg.norm(unit(values) - unit(median(values)[:, None]), axis=2, keepdims=True) ** 2 / 2
+        )
+        kept = distance <= k * median(distance)[:, None]
+        return _mean(values, kept), kept[..., 0]
+    kept = _kept_channels(values, k)
+    # No single channel decides whether the view counts as an inlier; half of them do.
+    return _mean(values, kept), 2 * kept.sum(axis=2) >= kept.shape[2]
 
 
 def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, float]:
     """What decides whether each view of one instance, (V, D) finite, is an inlier: (V,) float64, and the
-    largest of an inlier. ``element``: fraction of channels in which the view is an outlier; else d_j of the
-    module, 0 for ``none``."""
-    values = views.astype(np.float64)[None]
+    largest of an inlier: fraction of channels in which the view is an outlier, 0 for ``none``."""
     if norm == "none":
         return np.zeros(len(views)), 0.0
-    if norm == "element":
-        return (~_kept_channels(values, k)[0]).mean(axis=1), 0.5
-    distance, limit = _distances(values, norm, k)
-    return distance[0], float(limit[0])
+    return (~_kept_channels(views.astype(np.float64)[None], k)[0]).mean(axis=1), 0.5
 
 
 def _kept_channels(values: Floats, k: float) -> Bools:
@@ -97,18 +97,6 @@ def _kept_channels(values: Floats, k: float) -> Bools:
     # The paper's MAD has no factor 1.4826, which would scale it to the standard deviation of a normal distribution.
     # <=, not <: one or two views have the deviations of their median, and identical views have 0. All of them stay.
     return deviation <= k * median(deviation)[:, None]
-
-
-def _distances(values: Floats, norm: str, k: float) -> tuple[Floats, Floats]:
-    """Return (G, V) distances d_j of whole views, and the (G,) largest distance of an inlier."""
-    # The median of each channel, also here: the paper defines no other for vectors.
-    center = median(values)[:, None]
-    apart = values - center if norm == "euclidean" else unit(values) - unit(center)
-    distance = np.linalg.norm(apart, axis=2)
-    if norm == "cosine":
-        # 1 - cos = |u - v|^2 / 2, which is exactly 0 for equal vectors.
-        distance = distance**2 / 2
-    return distance, k * median(distance[..., None])[:, 0]
 
 
 def median(values: Floats) -> Floats:

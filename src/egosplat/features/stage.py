@@ -12,7 +12,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
-from egosplat.features.aggregation import Aggregate, aggregate
+from egosplat.features.aggregation import MAD_K, Aggregate, aggregate
 from egosplat.features.compression import SHARE, fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
@@ -26,6 +26,7 @@ from egosplat.features.supervision import (
 )
 from egosplat.language.decoder import decode, decoder_metadata
 from egosplat.language.vectors import unit
+from egosplat.pipeline.model_sets import PUBLISHED
 from egosplat.progress import log
 
 Features = NDArray[np.float32]
@@ -43,7 +44,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     record = provenance.begin_from("features", options.as_dict(), [view_features])
     feature, instance = view_features.read("feature"), view_features.read("instance")
     level = view_features.read("instances/level")
-    found = aggregate(feature, instance, len(level), options.mad_norm, options.mad_k)
+    found = aggregate(feature, instance, len(level), options.mad_norm, MAD_K)
     consistent, supervision, mismatched = _supervision(feature, instance, found, options)
     settings = options.compression, options.dims, options.epochs, options.seed
     compressed = fit(supervision, *settings, least_cosine=_LEAST_COSINE)
@@ -93,11 +94,12 @@ def _supervision(
     feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
 ) -> tuple[Features, Features, NDArray[np.bool_]]:
     """Return (N, D) consistent features, and the (R, D) supervision and (R,) mismatched flags of the views."""
-    consistent = found.feature
-    if options.normalize:
-        consistent = consistent_directions(consistent, feature, instance)
-    # A view whose cosine is below the midpoint of 1 and that between instances shows another object.
-    apart = spread(consistent[found.views > 0]) if options.mismatched_views == "keep_own" else None
+    # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
+    consistent = consistent_directions(found.feature, feature, instance)
+    # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
+    # small models' tracks alone (docs/method.md#mismatched); the paper makes no exception.
+    excepts = options.supervision != "average" and options.set != PUBLISHED
+    apart = spread(consistent[found.views > 0]) if excepts else None
     limit = -math.inf if apart is None else (1 + apart) / 2
     mismatched = np.zeros(len(feature), bool)
     supervision = np.empty_like(feature)
@@ -105,13 +107,9 @@ def _supervision(
         part = slice(begin, begin + _ROWS_AT_ONCE)
         own, common = feature[part].astype(np.float64), consistent[instance[part]]
         mismatched[part] = (unit(own) * unit(common)).sum(axis=1) < limit
-        values = supervise(
-            own, common, found.inlier[part], mismatched[part], options.supervision, options.outlier_target
-        )
-        if options.normalize:
-            # Opposite features cancel; the average then has no direction of its own.
-            values = unit(np.where(vanishing(values)[:, None], common, values))
-        supervision[part] = values
+        values = supervise(own, common, found.inlier[part], mismatched[part], options.supervision)
+        # Opposite features cancel; the average then has no direction of its own.
+        supervision[part] = unit(np.where(vanishing(values)[:, None], common, values))
     return consistent.astype(np.float32), supervision, mismatched
 
 

@@ -14,9 +14,7 @@ Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
 
 
-def supervise(
-    own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str, outlier_target: str
-) -> Floats:
+def supervise(own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str) -> Floats:
     """Return the supervision of R views, before normalization.
 
     Args:
@@ -24,9 +22,7 @@ def supervise(
         consistent: (R, D) consistent features of their instances.
         inlier: (R,) views that agree with their instance.
         mismatched: (R,) views that use their own feature instead of an average.
-        target: ``average``, ``consistent`` or ``view``; ``average`` is the paper's.
-        outlier_target: target of an outlier under ``average``: ``consistent`` or ``average``
-            (docs/method.md#supervision-average).
+        target: ``average``, the paper's, ``inliers``, ``consistent`` or ``view`` (docs/method.md#supervision-average).
     """
     if target == "view":
         return own
@@ -34,7 +30,7 @@ def supervise(
         return consistent
     # The paper's average. An outlier would keep half of its wrong feature, so the consistent one replaces it.
     mixed = (own + consistent) / 2
-    averaged = mixed if outlier_target == "average" else np.where(inlier[:, None], mixed, consistent)
+    averaged = mixed if target == "average" else np.where(inlier[:, None], mixed, consistent)
     return np.where(mismatched[:, None], own, averaged)
 
 

@@ -55,7 +55,7 @@ class _Inputs:
     def encode_batches(self, batches: list[InstanceViews]) -> Iterator[dict[str, Tensor]]:
         """Yield the (B, 7) views of each batch and their (B, D) features, NaN where the model gives none."""
         views, wanted = join_views(batches), self.clip.preprocessing
-        crops = cut_crops(self.frames, self.instances, views, wanted, hull=self.options.hull)
+        crops = cut_crops(self.frames, self.instances, views, wanted, hull=self.options.cut == "hull")
         for batch in batches:
             features = encode(self.clip, np.stack([*islice(crops, len(batch))]))
             yield {"views": torch.from_numpy(batch.table), "features": torch.from_numpy(features)}

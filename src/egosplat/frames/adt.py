@@ -46,7 +46,7 @@ def open_recording(folder: Path, options: FramesOptions) -> Recording:
     timestamps = np.array(provider.get_timestamps_ns(RGB_STREAM, TimeDomain.DEVICE_TIME), dtype=np.int64)
     frames = select_frames(timestamps, options, path)
     device = provider.get_device_calibration()
-    rectified = rectification(device, pinhole(options.resolution, options.focal), options.upright, path)
+    rectified = rectification(device, pinhole(options.resolution), options.upright, path)
 
     def read(frame: int) -> NDArray[Any]:
         data, _ = provider.get_image_data_by_index(RGB_STREAM, frame)

@@ -9,9 +9,9 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 
 from egosplat.calibration.files import ADT_INSTANCES, ADT_SEGMENTATIONS, adt_video, find_segmentation
 from egosplat.errors import UserError
-from egosplat.files import read_json
+from egosplat.files import read_users_json
 from egosplat.frames.adt import RGB_STREAM, open_video, open_vrs, read_checked, rectification
-from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, check_instance
+from egosplat.frames.recording import MAX_AGE_NS, AnnotationKeys, Annotations, Instance, check_instance
 from egosplat.frames.rectify import Rectification
 from egosplat.progress import log
 
@@ -36,20 +36,20 @@ def open_annotations(folder: Path, keys: AnnotationKeys) -> Annotations | None:
     listed = np.array([instance.id for instance in instances], dtype=np.uint64)
 
     def read(timestamp_ns: int) -> NDArray[np.int32] | None:
-        ids = read_checked(path, "", lambda: _ids_near(provider, timestamp_ns, keys.max_age_ns, rectified))
+        ids = read_checked(path, "", lambda: _ids_near(provider, timestamp_ns, rectified))
         return None if ids is None else _index_of(ids, listed, path)[None]
 
     return Annotations(instances, read)
 
 
 def _ids_near(
-    provider: AriaDigitalTwinDataProvider, timestamp_ns: int, max_age_ns: int, rectified: Rectification
+    provider: AriaDigitalTwinDataProvider, timestamp_ns: int, rectified: Rectification
 ) -> NDArray[Any] | None:
     """(H, W) uint64 ids of the segmentation that is not older or newer; None if there is none."""
     nearest = provider.get_segmentation_image_by_timestamp_ns(timestamp_ns, RGB_STREAM)
     # The provider returns the nearest segmentation, however far away in time. The ground truth follows the clock of the
     # other cameras, about 0.1 ms off (docs/method.md#annotation-age).
-    near = nearest.is_valid() and abs(nearest.dt_ns()) <= max_age_ns
+    near = nearest.is_valid() and abs(nearest.dt_ns()) <= MAX_AGE_NS
     return rectified.labels(nearest.data().to_numpy_array()) if near else None
 
 
@@ -64,12 +64,7 @@ def _index_of(ids: NDArray[Any], listed: NDArray[np.uint64], path: Path) -> NDAr
 
 def read_instances(path: Path) -> list[Instance]:
     """Read ``instances.json``, sorted by id; UserError if it is unreadable, or an entry lacks a field or has a bad value."""
-    try:
-        entries = read_json(path)
-    except FileNotFoundError as error:
-        raise UserError(f"{path}: not found. Download this file of the recording.") from error
-    except (OSError, ValueError) as error:
-        raise UserError(f"{path}: not readable as JSON ({error}). Download it again.") from error
+    entries = read_users_json(path, " Download this file of the recording again.")
     if not isinstance(entries, dict) or not entries:
         raise UserError(f"{path}: has no instances. Download it again.")
     instances: dict[int, Instance] = {}

@@ -27,7 +27,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     frames = open_artifact(frames_path, FRAMES)
     format, times = frames.facts["format"], frames.read("timestamp_ns")
     indices = np.flatnonzero(frames.read("evaluation")).astype(np.int64)
-    keys = _keys(frames.facts, times, round(options.max_age_ms * 1e6))
+    keys = _keys(frames.facts, times)
     reader = open_annotations(format, recording_path, keys)
     made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=format)
     annotated, covered = np.zeros(len(indices), bool), reader.covered if reader else 0
@@ -56,13 +56,12 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     log(f"{annotated.sum()} of {len(indices)} evaluation frames are annotated{lacking}")
 
 
-def _keys(facts: dict[str, Any], timestamp_ns: NDArray[np.int64], max_age_ns: int) -> AnnotationKeys:
+def _keys(facts: dict[str, Any], timestamp_ns: NDArray[np.int64]) -> AnnotationKeys:
     lenses, pinhole = [Lens.of_facts(lens) for lens in facts.get("lenses", ())], facts.get("pinhole")
     lens_of = zip(timestamp_ns.tolist(), facts["lens_of_frame"], strict=True) if lenses else ()
     return AnnotationKeys(
         Camera(**facts["camera"]),
         facts["upright"],
-        max_age_ns,
         facts.get("known_poses"),
         facts.get("turned", True),
         {time: lenses[index] for time, index in lens_of},

@@ -14,10 +14,11 @@ from egosplat.calibration.files import (
     intrinsics_files,
     sequence_parts,
 )
+from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.frames.images import read_rgb
 from egosplat.frames.options import FramesOptions
-from egosplat.frames.recording import AnnotationKeys, Annotations, Instance, Recording
+from egosplat.frames.recording import MAX_AGE_NS, AnnotationKeys, Annotations, Instance, Recording
 from egosplat.frames.selection import select_frames
 from egosplat.frames.video import open_video
 from egosplat.geometry import Camera
@@ -92,11 +93,10 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
     upper = np.array([[1, 0, 1], [0, 1, 1], [0, 0, 0]], dtype=bool)
     if matrix.shape == (3, 3) and np.allclose(matrix[~upper], [0, 0, 0, 0, 1], atol=1e-6):
         matrix[:2, 2] += _OPENCV_PIXEL_OFFSET
-        camera = Camera.from_matrix(matrix, width, height)
-        if np.isfinite(matrix).all() and min(camera.fx, camera.fy) > 0 and camera.contains(matrix[:2, 2]):
-            return camera
+        lens = Lens("PINHOLE", width, height, (*matrix.diagonal()[:2].tolist(), *matrix[:2, 2].tolist()))
+        return lens.check(str(path)).pinhole
     form = "[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]"
-    raise UserError(f"{path}: no intrinsics {form} with (cx, cy) in the {width}x{height} px video.")
+    raise UserError(f"{path}: no intrinsics {form} of the {width}x{height} px video.")
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
@@ -111,7 +111,7 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
         number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
         mask = masks / f"{number:05d}.png"
         age_ns = abs(timestamp_ns - round(number * 1e9 / MASKS_PER_SECOND))
-        if age_ns > keys.max_age_ns or not mask.is_file():
+        if age_ns > MAX_AGE_NS or not mask.is_file():
             return None
         labels = decode_labels(read_rgb(mask))
         if (unknown := float((labels < 0).mean())) > _MAX_UNKNOWN_SHARE:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageOps
 
-from egosplat.calibration.files import DYNAMIC_MASK, dynamic_masks, list_pictures
+from egosplat.calibration.files import DYNAMIC_MASK, OTHER_PICTURES, dynamic_masks, list_pictures
 from egosplat.calibration.lens import Lens, shared_pinhole
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
@@ -21,9 +21,6 @@ from egosplat.progress import log
 
 # Time between images. A folder has no clock: one second per image makes seconds equal image numbers.
 INTERVAL_NS = 1_000_000_000
-
-# Not read: these formats may hold several images or more than 8 bits, or need further libraries.
-_OTHER_SUFFIXES = (".gif", ".webp", ".tif", ".tiff", ".bmp", ".heic", ".heif", ".avif", ".jxl", ".dng")
 
 _EIGHT_BIT = ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr")
 _ORIENTATION_TAG, _TRANSPOSED = 0x0112, (5, 6, 7, 8)
@@ -143,7 +140,7 @@ def _read_header(path: Path, folder: Path, masks: set[Path]) -> Picture:
 def _other_formats(folders: Sequence[Path]) -> str:
     """Number of images in formats that are not read, and the command that converts them; empty if there are none."""
     files = [path for each in folders for path in each.iterdir() if path.name[0] != "." and path.is_file()]
-    counts = sorted(Counter(path.suffix for path in files if path.suffix.lower() in _OTHER_SUFFIXES).items())
+    counts = sorted(Counter(path.suffix for path in files if path.suffix.lower() in OTHER_PICTURES).items())
     listed = ", ".join(f"{count} {suffix}" for suffix, count in counts)
     patterns = " ".join(f"*{suffix}" for suffix, _ in counts)
     advice = f": only png and jpg are read. Convert them: magick mogrify -format png {patterns}"

@@ -15,10 +15,6 @@ class FramesOptions(Options):
     plain recording keeps its own size; others must not be smaller. The paper uses 1408 for ADT. Time and memory of
     all later stages grow with its square."""
 
-    focal: Annotated[Positive, READING] = 460.0
-    """Focal length of the rectified Aria frame in pixels, at a side of 1408. Smaller widens the field of view and
-    lowers the detail. The paper uses 460, a field of view of 113.7 degrees."""
-
     upright: bool = True
     """Rotate Aria frames upright, by the angle in the device's calibration: 90 degrees for gen1, whose sensor is
     mounted sideways, none for gen2. CLIP is not invariant to rotation (docs/method.md#upright)."""
@@ -54,7 +50,3 @@ class FramesOptions(Options):
 
 class AnnotationsOptions(Options):
     """Ground-truth instance maps of the evaluation frames. Training never uses them."""
-
-    max_age_ms: Positive = 3.0
-    """Largest time difference between an annotation and its frame, in milliseconds. A frame without a closer
-    annotation counts as not annotated. ADT's own reader returns the nearest one at any distance."""

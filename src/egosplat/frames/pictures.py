@@ -157,6 +157,9 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
                 raise UserError(f"{source.path}: a video has one camera, but its known poses have several.")
             log(f"{source.path}: leaves out {absent} pictures whose camera is not known")
             source, row = source.keep(np.flatnonzero(row >= 0)), row[row >= 0]
+    if turned := sum(picture.orientation in (2, 3, 4) for picture in source.pictures):
+        way = "turned by it" if isinstance(source, Video) else "as they are stored"
+        log(f"{path}: {turned} frames have an orientation, as 180 degrees; {known} has to be of frames {way}")
     pictures = []
     for picture, entry in zip(source.pictures, row, strict=True):
         mask = contents.masks[entry] if contents.masks and entry >= 0 else None

@@ -3,6 +3,7 @@
 import csv
 import io
 from pathlib import Path
+from unicodedata import normalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,13 +78,13 @@ def read_instances(path: Path) -> list[Instance]:
 
 def _match(folder: Path, source: Source) -> dict[int, Path]:
     """The PNG of each annotated frame."""
-    frames = {Path(name).stem: frame for frame, name in enumerate(source.names)}
+    frames = {normalize("NFC", Path(name).stem): frame for frame, name in enumerate(source.names)}
     if len(frames) < len(source.names):
         raise UserError(f"{folder}: pictures of several folders share names. Rename them.")
     pngs: dict[int, Path] = {}
     for path in list_masks(folder):
         is_number = source.path.is_file() and path.stem.isascii() and path.stem.isdigit()
-        frame = frames.get(str(int(path.stem)) if is_number else path.stem)
+        frame = frames.get(str(int(path.stem)) if is_number else normalize("NFC", path.stem))
         if frame is None:
             raise UserError(f"{path}: {source.path} has no frame of this name. Rename or remove it.")
         if pngs.setdefault(frame, path) is not path:

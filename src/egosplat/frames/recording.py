@@ -88,10 +88,9 @@ class Annotations:
     read: Callable[[int], NDArray[np.int32] | None]
     covered: int = 0
 
-    def instance_map(self, timestamp_ns: int) -> NDArray[np.int32] | None:
-        """(H, W) int32: the instance map of the frame captured then; None if it is not annotated."""
-        layers = self.read(timestamp_ns)
-        return None if layers is None else layers[0]
+
+# Largest time between a frame and its annotation [ns]: EgoLifter's (docs/method.md#annotation-age). Pictures are annotated by name.
+MAX_AGE_NS = 3_000_000
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,6 @@ class AnnotationKeys:
 
     Attributes:
         camera, upright: of the frames, as in ``Recording``.
-        max_age_ns: largest time between a frame and its annotation; pictures are annotated by name.
         known_poses, turned: of pictures: the kind of their known poses, and whether EXIF orientation was applied.
         lenses: of pictures that are rectified: the lens of each frame, by its time.
         pinhole: camera of the rectified full-size pictures; None if they are not rectified.
@@ -108,7 +106,6 @@ class AnnotationKeys:
 
     camera: Camera
     upright: bool = True
-    max_age_ns: int = 3_000_000
     known_poses: str | None = None
     turned: bool = True
     lenses: Mapping[int, Lens] = field(default_factory=dict)

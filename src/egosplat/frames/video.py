@@ -70,7 +70,9 @@ def open_video(path: Path) -> Video:
     since_ns = np.round((times - times[0]) * 1e6).astype(np.int64)
     first = Video(path, [Picture(path, "0", (0, 0))], since_ns[:1])
     height, width = next(first.read_frames(np.array([0]))).shape[:2]
-    return Video(path, [Picture(path, str(frame), (width, height)) for frame in range(len(times))], since_ns)
+    upside_down = capture.get(cv2.CAP_PROP_ORIENTATION_META) % 360 == 180
+    about = {"stored": (width, height), "orientation": 3 if upside_down else 1}
+    return Video(path, [Picture(path, str(frame), **about) for frame in range(len(times))], since_ns)
 
 
 def open_source(path: Path, known_poses: str | None, *, turned: bool | None = None) -> Source:

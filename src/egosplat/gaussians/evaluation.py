@@ -64,7 +64,7 @@ def rendered(
     gaussians: Gaussians, views: Views, index: int, settings: RenderSettings, sh_degree: int
 ) -> Tensor:
     """Render a view as an (H, W, 3) float32 image clamped to [0, 1], with the view's gain if it has one."""
-    pose, background = views.camera_to_world[index], settings.still_background
+    pose, background = views.camera_to_world[index], settings.color_behind
     image, _, _ = render(gaussians, views.camera, pose, settings, sh_degree=sh_degree, background=background)
     colors = image[..., :3]
     if views.log_gain is not None:

@@ -52,7 +52,7 @@ def fit(
         camera_to_world = torch.from_numpy(views.camera_to_world[index])
 
         def colors(values: Tensor, given: Tensor = camera_to_world) -> Tensor:
-            pose, background = corrected(given, values[POSE]), settings.still_background
+            pose, background = corrected(given, values[POSE]), settings.color_behind
             still = {"sh_degree": sh_degree, "background": background}
             return render(gaussians, views.camera, pose, settings, **still)[0][..., :3]
 

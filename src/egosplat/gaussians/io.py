@@ -8,7 +8,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.writer import Writer
 from egosplat.errors import UserError
 from egosplat.gaussians.model import PARAMETERS, Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import BACKGROUNDS, RenderSettings
 from egosplat.gaussians.trainer import Curves
 
 
@@ -51,4 +51,5 @@ def read_exposure(splats: Artifact) -> tuple[Tensor | None, Tensor | None]:
 def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:
     """Return the settings that a splats artifact was trained with, with the given backend."""
     options = artifact.provenance["options"]
-    return RenderSettings(options["near_plane"], options["background"], backend)
+    background = options.get("background") or BACKGROUNDS[options["recipe"]]  # 0.2 had a key for it
+    return RenderSettings(options["near_plane"], background, backend)

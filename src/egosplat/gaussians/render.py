@@ -15,6 +15,9 @@ from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import check_cameras, shows_colors
 from egosplat.rasterize.view import View
 
+# By the recipe of a training.
+BACKGROUNDS = {"own": "black", "paper": "white"}
+
 
 @dataclass(frozen=True)
 class RenderSettings:
@@ -22,7 +25,7 @@ class RenderSettings:
 
     Attributes:
         near_plane: smallest rendered camera z [m].
-        background: ``black``, ``white``, or ``random``: a new color in each training iteration, black elsewhere.
+        background: ``black`` or ``white``.
     """
 
     near_plane: float
@@ -30,8 +33,8 @@ class RenderSettings:
     backend: str
 
     @property
-    def still_background(self) -> Tensor | None:
-        """(3,) float32 background color outside of training; None for black."""
+    def color_behind(self) -> Tensor | None:
+        """(3,) float32 background color; None for black."""
         return torch.ones(3) if self.background == "white" else None
 
 

@@ -1,10 +1,10 @@
 """The training schedule: learning rate of the means, SH degree, density control; and the options of a training."""
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import BACKGROUNDS, RenderSettings
 
 # A shorter run does not shorten these intervals, except to at most this part of the run (1/5, 1/20, 1/7):
 # gradients and opacities need the same number of iterations in any run.
@@ -111,6 +111,11 @@ def cut(schedule: Schedule, iterations: int) -> Schedule:
     )
 
 
+# What the recipe of the paper trains otherwise than the defaults of ``TrainingOptions``; as 3DGS and EgoLifter, but for SSIM.
+PAPER = {"densify_init": False, "ssim_lambda": 0.0, "prune_screen_px": 20.0}
+PAPER |= {"reset_opacity": 0.01, "reset_at_start": True}
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainingOptions:
     """Options of one training run.
@@ -123,6 +128,7 @@ class TrainingOptions:
         reset_opacity: largest opacity after a reset.
         reset_at_start: also reset opacities when density control begins.
         prune_screen_px: screen radius above which Gaussians are pruned after the first regular reset [px]; None for no limit.
+        ssim_lambda: share of 1 - SSIM in the loss; L1 has the rest.
         cuts_schedule: truncate the schedule of 3DGS at ``iterations``; else scale its milestones.
         evaluate_every: iterations between two evaluations.
     """
@@ -143,16 +149,15 @@ class TrainingOptions:
     reset_opacity: float = 0.05
     reset_at_start: bool = False
     prune_screen_px: float | None = None
+    ssim_lambda: float = 0.2
     cuts_schedule: bool = False
 
     @staticmethod
-    def of(keys: Any, **others: Any) -> "TrainingOptions":
-        """Take the options of a stage that have these names, and ``others``."""
-        render = RenderSettings(keys.near_plane, getattr(keys, "background", "black"), keys.backend)
-        names = [field.name for field in fields(TrainingOptions) if hasattr(keys, field.name)]
-        return TrainingOptions(
-            **{"render": render, **{name: getattr(keys, name) for name in names}, **others}
-        )
+    def of(keys: Any, recipe: str = "own", **others: Any) -> "TrainingOptions":
+        """Take what the options of every stage that trains Gaussians have, the values of a recipe, and ``others``."""
+        render = RenderSettings(keys.near_plane, BACKGROUNDS[recipe], keys.backend)
+        given = {"iterations": keys.iterations, "seed": keys.seed} | (PAPER if recipe == "paper" else {})
+        return TrainingOptions(render=render, **given, **others)
 
     @property
     def schedule(self) -> Schedule:

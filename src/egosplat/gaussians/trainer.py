@@ -211,7 +211,7 @@ def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedu
         views.camera_to_world[index] if corrections is None else corrections.camera_to_world(index),
         options.render,
         sh_degree=schedule.sh_degree(iteration, state.gaussians.sh_degree),
-        background=draw_background(options.render.background, state.generator),
+        background=options.render.color_behind,
     )
     if corrections is not None:
         image = corrections.exposed(image, views.picture(index))
@@ -235,13 +235,6 @@ def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedu
     state.gaussians = state.density.step(iteration, state.gaussians, state.optimizer, state.generator)
     state.loss_sum += loss.detach()
     state.iteration = iteration
-
-
-def draw_background(kind: str, generator: torch.Generator) -> Tensor | None:
-    """Return the (3,) float32 background color of a training iteration; None for black."""
-    if kind == "random":
-        return torch.rand(3, generator=generator)
-    return torch.ones(3) if kind == "white" else None
 
 
 def record(state: TrainingState) -> None:

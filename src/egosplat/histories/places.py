@@ -142,7 +142,7 @@ class PlaceView:
     def render(self, recording: Recording, more: Gaussians | None = None) -> Tensor:
         """Render (h, w, 3) as the camera would take it, with more Gaussians than the scene's."""
         view = self.with_scene(recording, more), self.camera, self.camera_to_world, recording.settings
-        background = recording.settings.still_background
+        background = recording.settings.color_behind
         image, _, _ = render(*view, sh_degree=recording.sh_degree, background=background)
         if recording.log_gains is None:
             return image[..., :3]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from egosplat.gaussians.training_views import Mask, Views, read_views
 from egosplat.instances.options import InstancesOptions
 
 # Comparing masks needs surfaces, not texture: fewer Gaussians than a render, of one color each.
-_FEW = {"max_points": 40_000, "max_gaussians": 60_000}
+_FEW: dict[str, Any] = {"max_points": 40_000, "max_gaussians": 60_000}
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ def train_geometry(
         for chosen in (training, np.zeros_like(training))
     )
     options = TrainingOptions.of(keys, evaluate_every=keys.iterations, **_FEW)
-    state = begin(poses, views, options, L1Ssim(ssim_lambda=0.2), keys)
+    state = begin(poses, views, options, L1Ssim(options.ssim_lambda), keys)
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
         resume_and_train(state, ViewSets(views, held_out=none), options, Checkpoint(output, key))

@@ -22,6 +22,9 @@ Labels = NDArray[np.int32]
 LEAST_SEEN = 0.25
 """Compositing weight [px] from which a frame has seen a Gaussian."""
 
+INSIDE = 0.5
+"""Share of its weight from which a Gaussian belongs to masks that hold it."""
+
 _HIDDEN = 1e-3
 """Compositing weight of a Gaussian at its center up to which the pixel shows something else."""
 
@@ -60,17 +63,17 @@ class LiftedMasks:
         votes = self.votes[:, np.flatnonzero(chosen)]
         return replace(self, instance=self.instance[chosen], frame=self.frame[chosen], votes=votes)
 
-    def members(self, mask: int, seen: NDArray[np.float32], inside: float) -> NDArray[np.int32]:
-        """Gaussians of whose weight in the frame the mask holds at least the share ``inside``; ``seen_at`` of the frame."""
+    def members(self, mask: int, seen: NDArray[np.float32]) -> NDArray[np.int32]:
+        """Gaussians of whose weight in the frame the mask holds at least the share ``INSIDE``; ``seen_at`` of the frame."""
         span = slice(self.votes.indptr[mask], self.votes.indptr[mask + 1])
         gaussian, weight = self.votes.indices[span], self.votes.data[span]
         gaussian = np.asarray(gaussian, np.int32)
-        return gaussian[weight >= inside * np.maximum(seen[gaussian], LEAST_SEEN)]
+        return gaussian[weight >= INSIDE * np.maximum(seen[gaussian], LEAST_SEEN)]
 
 
-def holds(votes: NDArray[np.float32], seen: NDArray[np.float32], inside: float) -> NDArray[np.bool_]:
-    """Whether summed votes are at least the share ``inside`` of the summed seen weights, of Gaussians that are seen."""
-    return (seen >= LEAST_SEEN) & (votes >= inside * seen)
+def holds(votes: NDArray[np.float32], seen: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Whether summed votes are at least the share ``INSIDE`` of the summed seen weights, of Gaussians that are seen."""
+    return (seen >= LEAST_SEEN) & (votes >= INSIDE * seen)
 
 
 def masks_of(thing: NDArray[np.int64]) -> list[NDArray[np.int64]]:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
-from egosplat.instances.options import InstancesOptions
 
 FRAMES_A_BLOCK = 8
 """Frames whose runs are merged at once. Blocks are then merged in pairs: work grows linearly with the frames."""
@@ -26,6 +25,9 @@ Row = tuple[NDArray[np.int32], Floats]
 # Masks are compared only if their frames have both seen at least this share of the smaller one.
 COMMON = 0.2
 
+# Masks are merged from this IoU. Lower merges more, neighbors too; higher leaves one thing in pieces.
+MERGE_IOU = 0.4
+
 
 class Runs:
     """R groups of masks on n Gaussians, of which each has seen few.
@@ -35,19 +37,17 @@ class Runs:
         voters: (n, R) sparse, which runs have votes of each Gaussian; not changed by ``add``.
     """
 
-    def __init__(
-        self, votes: sparse.csr_array, seen: sparse.csr_array, weight: Floats, inside: float
-    ) -> None:
+    def __init__(self, votes: sparse.csr_array, seen: sparse.csr_array, weight: Floats) -> None:
         """Take (R, n) weights, summed inside the masks and in the frames of the masks [px]; the (n,) weight of each
-        Gaussian in an IoU; the share of its summed weight from which a Gaussian belongs to a run."""
-        self._weight, self._inside = weight, inside
+        Gaussian in an IoU."""
+        self._weight = weight
         self._votes, self._seen, self.voters = _rows(votes), _rows(seen), sparse.csr_array(votes.T)
         self.held = [self._holds(run) for run in range(len(self._votes))]
         self._size = np.array([weight[held].sum() for held in self.held])
 
     def _holds(self, run: int) -> NDArray[np.int32]:
         gaussian, votes = self._votes[run]
-        return gaussian[holds(votes, _dense(self._seen[run], len(self._weight))[gaussian], self._inside)]
+        return gaussian[holds(votes, _dense(self._seen[run], len(self._weight))[gaussian])]
 
     def _sees(self, run: int) -> NDArray[np.int32]:
         gaussian, seen = self._seen[run]
@@ -99,14 +99,13 @@ def _dense(row: Row, length: int) -> Floats:
     return found
 
 
-def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Floats:
+def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Any:
     """(K,) sum of the (n,) values of the Gaussians of each of K lists."""
     owner = np.repeat(np.arange(len(gaussians)), [*map(len, gaussians)])
-    sums: Any = np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
-    return sums
+    return np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
 
 
-def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions) -> Ints:
+def merge(masks: LiftedMasks, run: Ints, weight: Floats) -> Ints:
     """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they
     show one thing. ``run`` (V,) numbers the runs in the order of their first frames; ``weight`` (N,) is that
     of each Gaussian in an IoU."""
@@ -120,7 +119,7 @@ def merge(masks: LiftedMasks, run: Ints, weight: Floats, keys: InstancesOptions)
         for mine in masks_of(block[run]):
             members, row = np.unique(thing[run[mine]], return_inverse=True)
             sums = _sum_masks(votes[mine], seen, masks.frame[mine], row)
-            thing[members] = members[agglomerate(Runs(*sums, weight[some], keys.inside), keys)]
+            thing[members] = members[agglomerate(Runs(*sums, weight[some]))]
         thing = thing[thing]
         if not block.any():
             break
@@ -141,7 +140,7 @@ def _sum_masks(
     return sparse.csr_array(which @ votes), sparse.csr_array(frames @ seen)
 
 
-def agglomerate(runs: Runs, keys: InstancesOptions) -> Ints:
+def agglomerate(runs: Runs) -> Ints:
     """Merge the two of R runs that are most alike, again and again, while they are one thing; changes the
     runs. Returns (R,) number of the run that each is merged into, at most its own."""
     into, merges = np.arange(len(runs.held)), np.zeros(len(runs.held), np.int64)
@@ -155,7 +154,7 @@ def agglomerate(runs: Runs, keys: InstancesOptions) -> Ints:
         if not len(near):
             return
         iou = runs.overlaps(one, near)
-        chosen = iou >= keys.merge_iou
+        chosen = iou >= MERGE_IOU
         for other, value in zip(near[chosen].tolist(), iou[chosen].tolist(), strict=True):
             heappush(alike, (-value, min(one, other), max(one, other), int(merges[one] + merges[other])))
 

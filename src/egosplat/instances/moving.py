@@ -7,8 +7,7 @@ from scipy import sparse
 from egosplat.artifacts.reader import Artifact
 from egosplat.images import evenly_spaced
 from egosplat.instances.lifted_masks import Labels, LiftedMasks, masks_of
-from egosplat.instances.merging import Runs
-from egosplat.instances.options import InstancesOptions
+from egosplat.instances.merging import MERGE_IOU, Runs
 
 APART_S = 1.0
 """Masks are compared with masks this much earlier or later: what moves is elsewhere by then."""
@@ -60,9 +59,7 @@ class MovingTracks:
         return np.where(shown.any(axis=0), np.where(shown, track + np.int32(first), -1), over)
 
 
-def standing_tracks(
-    masks: LiftedMasks, time_s: NDArray[np.float64], keys: InstancesOptions
-) -> NDArray[np.int64]:
+def standing_tracks(masks: LiftedMasks, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
     """The sorted tracks of which half of the pairs of masks are so alike that masks of single frames would be
     merged. A track with too few pairs that show the same surfaces is not among them. ``time_s`` (T,) is when
     each frame was taken."""
@@ -71,10 +68,10 @@ def standing_tracks(
         some = mine[evenly_spaced(len(mine), MOST_MASKS)]
         frame = masks.frame[some]
         votes = sparse.csr_array(masks.votes[:, some].T)
-        runs, everyone = Runs(votes, masks.seen[frame], weight, keys.inside), np.arange(len(some))
+        runs, everyone = Runs(votes, masks.seen[frame], weight), np.arange(len(some))
         apart = np.abs(time_s[frame][:, None] - time_s[frame]) >= APART_S
         alike = np.stack([runs.overlaps(run, everyone) for run in everyone])[np.triu(apart, 1)]
         alike = alike[~np.isnan(alike)]
-        if len(alike) >= LEAST_PAIRS and np.median(alike) >= keys.merge_iou:
+        if len(alike) >= LEAST_PAIRS and np.median(alike) >= MERGE_IOU:
             found.append(masks.instance[mine[0]])
     return np.array(found, np.int64)

@@ -11,10 +11,10 @@ from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, Near
 class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOptions):
     """Instances that hold in 3D, merged from the masks of segments.zarr (docs/method.md#instances-3d)."""
 
-    source: Literal["auto", "tracks", "masks", "both"] = "auto"
+    source: Literal["auto", "tracks", "masks"] = "auto"
     """What becomes an instance. tracks: the tracks of segments.zarr, unchanged, as in the paper. masks: the masks
-    of each frame, merged where they cover the same surfaces; tracks are ignored. both: tracks, cut where
-    consecutive masks disagree, then merged. auto: masks if segments.prompting is each_frame, else tracks."""
+    of each frame, merged where they cover the same surfaces; tracks are ignored. auto: masks if
+    segments.prompting is each_frame, else tracks."""
 
     resolution: Annotated[int, Field(ge=32)] = 256
     """Longer side in pixels at which masks are lifted onto Gaussians and rendered. Larger keeps finer
@@ -24,11 +24,3 @@ class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOpti
     """Training length of temporary Gaussians, which masks are merged on where something is tracked or masked
     (docs/method.md#merged-on). Sharper surfaces give instances sharper outlines
     (benchmarks/instances/README.md)."""
-
-    inside: Annotated[float, Field(le=1, gt=0)] = 0.5
-    """A Gaussian belongs to a group of masks that hold at least this share of its compositing weight in their
-    frames."""
-
-    merge_iou: Annotated[float, Field(le=1, gt=0)] = 0.4
-    """Masks are merged from this IoU on the Gaussians that their frames have both seen. Lower merges more,
-    neighbors too; higher leaves one thing in pieces."""

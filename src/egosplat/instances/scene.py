@@ -12,9 +12,8 @@ from egosplat.errors import UserError
 from egosplat.instances.geometry import Geometry
 from egosplat.instances.lifted_masks import Labels, lift
 from egosplat.instances.moving import MovingTracks
-from egosplat.instances.options import InstancesOptions
 from egosplat.instances.rendering import render_things
-from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
+from egosplat.instances.things import beliefs, find_things
 from egosplat.progress import log
 
 _MOSTLY = 0.5
@@ -117,7 +116,6 @@ def find_scene(
     segments: Artifact,
     shown: Callable[[int], NDArray[np.bool_]],
     tracks: MovingTracks,
-    keys: InstancesOptions,
 ) -> Scene:
     """Find the things of all levels. Pixels of ``tracks``, of what moves, neither vote nor count as seen
     (UserError: no view has a mask)."""
@@ -131,8 +129,7 @@ def find_scene(
     held, level, masks, named, counts = [], [], [], [], {}
     for number, name in enumerate(segments.facts["levels"]):
         some = lifted.select(levels[lifted.instance] == number)
-        run = single_masks(some) if keys.source == "masks" else cut_tracks(some, keys)
-        thing, counts[name] = find_things(some, run, weight, keys)
+        thing, counts[name] = find_things(some, weight)
         log(
             f"{counts[name]['things']} {name}s from {counts[name]['masks']} masks; {counts[name]['dropped']} masks and "
             f"{counts[name]['claimed']} {name}s are left out, because others contradict them"

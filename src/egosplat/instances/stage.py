@@ -73,8 +73,8 @@ def run(
     lifted = lift(geometry, segments, shown, tracks.keep)
     if lifted is not None:
         times_s = frames.read("timestamp_ns")[lifted.row] / 1e9
-        tracks = MovingTracks(segments, standing_tracks(lifted, times_s, options))
-    scene = find_scene(geometry, segments, shown, tracks, options)
+        tracks = MovingTracks(segments, standing_tracks(lifted, times_s))
+    scene = find_scene(geometry, segments, shown, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))
     _write_things(output, record, scene, tracks, options.source, segments, rows)
     Checkpoint(output, key, 0.0).remove()

@@ -139,15 +139,15 @@ def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor
 
 
 class JointLanguage(Objective):
-    """L_RGB-w + feature_weight L_F-w; the Gaussians' features are the concatenated codes of all levels, so that their gradients
+    """L_RGB-w + L_F-w (the paper's weight is 1); the Gaussians' features are the concatenated codes of all levels, so that their gradients
     reach the geometry, too."""
 
-    advice = "lower splats.feature_weight, or raise run.near_plane"
+    advice = "raise run.near_plane"
 
-    def __init__(self, ssim_lambda: float, feature_weight: float, targets: CodeTargets) -> None:
-        """Take the weight of the code loss; ``ssim_lambda`` as in ``L1Ssim``."""
+    def __init__(self, ssim_lambda: float, targets: CodeTargets) -> None:
+        """Take the targets of the codes; ``ssim_lambda`` as in ``L1Ssim``."""
         self._colors = L1Ssim(ssim_lambda)
-        self._feature_weight, self._targets = feature_weight, targets
+        self._targets = targets
         self.features = len(targets.levels) * targets.channels
 
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
@@ -155,5 +155,4 @@ class JointLanguage(Objective):
         targets = self._targets.of(int(views.frame[index]))
         # Channels 0 to 2 are colors; the codes of all levels follow.
         codes = image[..., 3:].permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
-        colors = self._colors.loss(image, views, index)
-        return colors + self._feature_weight * code_l1(codes, targets, views.weight(index))
+        return self._colors.loss(image, views, index) + code_l1(codes, targets, views.weight(index))

@@ -9,7 +9,7 @@ from torch import nn
 from egosplat.artifacts.reader import Artifact
 from egosplat.compute import choose_compute
 from egosplat.errors import UserError
-from egosplat.files import read_json, read_user_text
+from egosplat.files import read_user_text, read_users_json
 from egosplat.models.checkpoints import (
     CLIP,
     CLIP_CONFIG,
@@ -100,11 +100,7 @@ def read_description(model: str, folder: Path | None) -> dict[str, Any]:
 
 
 def _read_config(path: Path) -> dict[str, Any]:
-    try:
-        content = read_json(path)
-    except ValueError as error:
-        raise UserError(f"{path}: cannot be read as JSON ({error})") from None
-    match content:
+    match content := read_users_json(path):
         case {"model_cfg": {"embed_dim": _, "vision_cfg": dict(), "text_cfg": dict()}}:
             return content
     raise UserError(f"{path}: lacks model_cfg with embed_dim, vision_cfg and text_cfg")

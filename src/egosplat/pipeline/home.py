@@ -1,5 +1,7 @@
 """Where the workflow, its configuration and its results are, and the command that makes a result."""
 
+import contextlib
+import json
 import re
 import shlex
 from collections.abc import Iterable
@@ -22,6 +24,7 @@ CONFIG, PRESETS = Path("config/config.yaml"), Path("config/presets")
 _RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
 _SCENE = re.compile(r"(?:\./)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
 
+SETTINGS = "EGOSPLAT_SETTINGS"  # environment variable: what Snakemake's command sets, for artifacts to record
 EXAMPLE = "results/adt/scene1"  # of a scene's folder, for messages
 
 # Where a scene keeps names: beside its artifacts, and neither an input nor an output of a stage.
@@ -69,11 +72,21 @@ def make_command(path: Path, flag: str = "") -> str:
     root, target = Path(path.as_posix()[: match.start(1)]), shlex.quote(match[1])
     folder = shlex.quote(str(root))
     # Results may lie apart from the workflow, by Snakemake's option --directory.
+    words = f"{_settings_of(root / match[1])}--cores 2 {flag}"
     if root.resolve() != Path.cwd() and has_workflow(Path()) and not has_workflow(root):
-        return f"snakemake --cores 2 {flag}--directory {folder} {target}"
+        return f"snakemake {words}--directory {folder} {target}"
     snakemake = "snakemake" if has_workflow(root) else 'snakemake --snakefile "$(egosplat snakefile)"'
     place = "" if root.resolve() == Path.cwd() else f"cd {folder} && "
-    return f"{place}{snakemake} --cores 2 {flag}{target}"
+    return f"{place}{snakemake} {words}{target}"
+
+
+def _settings_of(path: Path) -> str:
+    """The words of Snakemake's command, with a blank, that tell with which settings the scene of a result was made."""
+    for metadata in (path / "zarr.json", *sorted(path.parent.glob("*.zarr/zarr.json"))):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            made = json.loads(metadata.read_text())["attributes"]["egosplat"]["provenance"]
+            return shlex.join(["--config", *shlex.split(made["settings"])]) + " " if made["settings"] else ""
+    return ""
 
 
 def shared_with(folder: Path) -> list[Path]:
@@ -97,7 +110,7 @@ def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
         advice = f"Give the folder of a finished scene, such as {EXAMPLE}"
         if match := _SCENE.fullmatch(folder.as_posix()):
             what = "variant" if match[1] else "scene"
-            advice = f"Make the {what}: {make_command(folder / 'metrics.json')}"
+            advice = f"Make the {what}: {make_command(folder / missing[-1])}"
         raise UserError(f"{folder}: {lack}. {advice}")
 
 

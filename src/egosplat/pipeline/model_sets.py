@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from egosplat.errors import UserError
+from egosplat.errors import UserError, without_secrets
 
 # The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages; the paper's. The last is
 # also the value of a checkpoint's key that stands for the published checkpoint of the configured architecture.
@@ -16,9 +16,8 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), SMALL),
     "segments": {"image_size": 512},
     "view_features": {"cut": "hull"},
-    "features": {"mismatched_views": "keep_own"},
     "transient": {"encoder_weights": None},
-    "query": {"temperature": 10.0, "min_score": 0.78},
+    "query": {"temperature": 10.0, "min_score": 0.7, "size_weight": 0.25, "name_weight": 0.5},
 }
 _OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 
@@ -30,15 +29,14 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     PHOTOS: _OF_SMALL
     | {
         "models": _OF_SMALL["models"] | {"clip_model": PHOTOS, "clip_checkpoint": PHOTOS},
-        "query": {"temperature": 10.0, "min_score": 0.62},
+        "query": {"temperature": 10.0, "min_score": 0.62, "size_weight": 0.0, "name_weight": 0.0},
     },
     PUBLISHED: {
         "models": _OF_THE_PAPER | dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), PUBLISHED),
         "segments": {"image_size": None},
         "view_features": {"cut": "mask"},
-        "features": {"mismatched_views": "average"},
         "transient": {"encoder_weights": PUBLISHED},
-        "query": {"temperature": 1.0, "min_score": 0.0},
+        "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0, "name_weight": 0.0},
     },
 }
 
@@ -69,8 +67,8 @@ class PublishedModel(NamedTuple):
 
     @property
     def address(self) -> str:
-        """Where the file is fetched from."""
-        return f"{hub()}/{self.repository}/resolve/{self.revision}/{self.remote}"
+        """Where the file is fetched from, without a password."""
+        return without_secrets(f"{hub()}/{self.repository}/resolve/{self.revision}/{self.remote}")
 
 
 # The digests of SAM2.1 are those of the same files on Meta's server; the others are on the files' pages of the hub. No digest

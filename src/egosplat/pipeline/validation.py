@@ -8,7 +8,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from egosplat.errors import UserError
-from egosplat.files import read_json
+from egosplat.files import read_users_json
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.messages import not_allowed, shorten
 
@@ -35,13 +35,9 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
     """Read a JSON result and check it against the schema ``name`` (UserError: the file is missing, is not
     JSON, or does not match the schema; says how to make it)."""
     again = f"Rebuild it: {make_command(path, '--force ')}"
-    try:
-        document = read_json(path)
-    except FileNotFoundError:
-        raise UserError(f"{path}: does not exist. Make it: {make_command(path)}") from None
-    except (OSError, ValueError) as error:
-        reason = str(error).partition("\n")[0]
-        raise UserError(f"{path}: cannot be read as JSON ({reason}). {again}") from None
+    if not path.exists():
+        raise UserError(f"{path}: does not exist. Make it: {make_command(path)}")
+    document = read_users_json(path, f" {again}")
     for error in Draft202012Validator(schema(name)).iter_errors(document):
         why = f"its schema has {error.validator}: {shorten(error.validator_value)}"
         told = not_allowed(".".join(map(str, error.absolute_path)), error.instance, why)

@@ -34,7 +34,7 @@ PRESET_FILES = {"paper_scaled" if name == "paper" else name: name for name in PR
 # Sections and keys that keep the scene's value with every preset: those that define frames and queries, because scores with
 # different values cannot be compared, and models (no preset sets a key that follows models.set; transient.lr suits the encoder).
 _KEPT = {
-    *("formats", "synthetic", "annotations", "metrics", "models", "transient.lr", "frames.focal"),
+    *("formats", "synthetic", "annotations", "metrics", "models", "transient.lr"),
     *("frames.start_s", "frames.end_s", "frames.evaluation_frames", "frames.holdout", "query.readout"),
 }
 
@@ -179,6 +179,6 @@ def preset_keys(name: str, folder: Path, format: str) -> Config:
             value = values.get(section, {}).get(key, usual[section][key])
             keys.setdefault(section, {})[key] = value
     if name == "paper_scaled":  # other models can follow what comes with the paper's, too
-        for section in ("view_features", "features", "query"):
+        for section in ("view_features", "query"):
             keys[section] = keys.get(section, {}) | DEFAULTS[PUBLISHED][section]
     return keys

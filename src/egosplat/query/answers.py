@@ -1,6 +1,6 @@
 """What a scene answers to a query: the things that match in 3D, or the pixels of one view."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ class Evidence:
 
     # Logarithm of its share of the view that shows it best.
     size: float
-    # Log-odds of its mean relevancy, less those of the best word of ``words_to_try`` that means something else.
-    lead: float
+    # Log-odds of its score.
+    fit: float
     # Its score less the best score of another thing that matches the query; 0 stands for none.
     apart: float
 
@@ -42,9 +42,9 @@ class Thing:
     center: Array
     size: Array
     frame: int
-    members: NDArray[np.int64]
+    members: NDArray[np.int64] = field(repr=False)
     share: float = 0.0
-    evidence: Evidence | None = None
+    evidence: Evidence | None = field(default=None, repr=False)
     probability: float | None = None
 
     @property
@@ -65,7 +65,7 @@ class Moving:
 
     rating: float | None
     frame: int
-    tracks: NDArray[np.int64]
+    tracks: NDArray[np.int64] = field(repr=False)
     spans: tuple[tuple[float, float], ...]
 
     @property
@@ -91,9 +91,9 @@ class ViewMatch:
     level: str | None
     pixel: tuple[int, int] | None
     position: Array | None
-    relevancy: Map
+    relevancy: Map = field(repr=False)
     mask_level: str | None
-    mask: Mask
+    mask: Mask = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,12 +121,12 @@ class Answer:
     refusal: str | None = None
     untaught: tuple[str, ...] = ()
     things: tuple[Thing, ...] = ()
-    candidates: tuple[Thing, ...] = ()
+    candidates: tuple[Thing, ...] = field(default=(), repr=False)
     moving: Moving | None = None
     history: tuple[Carried, ...] = ()
     also: tuple[str, ...] = ()
     view: ViewMatch | None = None
-    question: Question | None = None
+    question: Question | None = field(default=None, repr=False)
 
     def at(self, second: float) -> Place | None:
         """Where it was at a time [s since the first frame], by its history; None if it was not carried."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import NOT_FOUND, is_kind, name_parts
-from egosplat.query.text import WORDS, untaught_words, words_to_try
+from egosplat.query.grades import NOT_FOUND
+from egosplat.query.text import WORDS, is_kind, name_parts, untaught_words, words_to_try
 from egosplat.query.things import SAME, Surface
 
 # Things of one name, and other names of a thing, that are told at most.

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from egosplat.artifacts.consistency import check_made_from
@@ -30,8 +31,9 @@ from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.reading import Question, read_questions
 from egosplat.query.relations import Space, relate
 from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
+from egosplat.query.sizes import Sizes, log_ratios
 from egosplat.query.text import Texts, encode_texts, explain_untaught, words_to_try
-from egosplat.query.things import Surface, ask_scene, read_surface
+from egosplat.query.things import Surface, ask_scene, measure_extents, read_surface
 from egosplat.query.views import Asker, show_thing
 
 # What OpenCLIP encoded for a scene's codes, and an array of it: the features of instances, or tiles for methods without masks.
@@ -135,7 +137,7 @@ class Scene:
     @cached_property
     def instances(self) -> NDArray[np.int32]:
         """(L, N) int32 instance of each Gaussian at each level, -1 for none. Raises as ``instances_of_gaussians``."""
-        return instances_of_gaussians(self.artifact("instances"), self.gaussians.means.cpu().numpy())
+        return instances_of_gaussians(self.artifact("instances"), self.trained.gaussians.means.cpu().numpy())
 
     @cached_property
     def rests(self) -> Rests | None:
@@ -190,9 +192,23 @@ class Scene:
         """What the frames show of each Gaussian; measured once for all queries of the whole scene."""
         assert len(self._posed)
         surface = read_surface(self.trained, self.poses, self.camera, self.valid)
+        return replace(surface, instance=self.instances[-1]) if self._placed else surface
+
+    @property
+    def _placed(self) -> bool:
+        """Whether the codes are of instances with a place in 3D."""
         made = self.made_from.found.get("instances.zarr")
-        placed = made is not None and made.shape("gaussians/xyz")[0] > 0
-        return replace(surface, instance=self.instances[-1]) if placed else surface
+        return made is not None and made.shape("gaussians/xyz")[0] > 0
+
+    @cached_property
+    def asked(self) -> QueryScene:
+        """The Gaussians with the sizes of instances, where these have a place in 3D and the scale is known."""
+        if not self._placed or self.unit != "m":
+            return self.trained
+        surface, instance, up = self.surface, self.instances, self.artifact("poses").read("up")
+        ratios = log_ratios(measure_extents(surface.means, instance, surface.touching, up))
+        of_gaussians = torch.from_numpy(instance.T.astype(np.int64)).to(self.trained.code.device)
+        return replace(self.trained, sizes=Sizes(of_gaussians, ratios))
 
     @cached_property
     def _posed(self) -> NDArray[np.int64]:
@@ -271,20 +287,19 @@ class Scene:
         texts = self.encode(phrases, options)
         if viewpoint is None:
             # The evidence for the best thing needs the next one.
-            every = ask_scene(self.trained, self.surface, texts, options, max(2, most))
+            every = ask_scene(self.asked, self.surface, texts, options, max(2, most))
             rows = zip(texts.phrases, every, strict=True)
             return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
         view = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
-        matches = Asker(self.trained, texts, options, self.rests).ask(texts.phrases, *view)
+        matches = Asker(self.asked, texts, options, self.rests).ask(texts.phrases, *view)
         grading = grades.Grading(None, options.min_score)
         return (grades.judge_view(one, explain_untaught(self.clip, one.phrase), grading) for one in matches)
 
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""
         [phrase], grading = query.phrases, self.grading(options)
-        fit, compared = grading.calibration, (query, self._words, options.temperature)
-        evidence = grades.measure_evidence(self.trained, self.surface, things, *compared)
-        pairs = zip(things, evidence, strict=True)
+        fit = grading.calibration
+        pairs = zip(things, grades.measure_evidence(things), strict=True)
         things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
         coded = bool(things) or bool((self.trained.share > 0).any())
         answer = grades.judge(phrase, things, explain_untaught(self.clip, phrase), grading, most, coded)
@@ -301,11 +316,11 @@ class Scene:
 
     def encode(self, phrases: Iterable[str], options: QueryOptions | None = None) -> Texts:
         """Encode phrases, each once, and the canonical phrases. Raises as ``ask``."""
-        return encode_texts(self.clip, list(dict.fromkeys(phrases)), (options or self.options).canonical)
+        return encode_texts(self.clip, list(dict.fromkeys(phrases)), options or self.options)
 
     def asker(self, phrases: Iterable[str]) -> Asker:
         """Encode phrases to ask them of many views, and compare them with the Gaussians once. Raises as ``ask``."""
-        return Asker(self.trained, self.encode(phrases), self.options, self.rests)
+        return Asker(self.asked, self.encode(phrases), self.options, self.rests)
 
     def viewpoint(
         self, frame: int | None = None, pose: Pose | None = None, second: float | None = None
@@ -351,7 +366,7 @@ class Scene:
             return ViewMatch(phrase, 1.0, "track", *place, "track", mask)
         view = self.camera, self.poses[thing.frame], self.valid
         options = self.options.change(resolution=resolution)
-        return show_thing(self.trained, thing, self.encode([phrase]), *view, options)
+        return show_thing(self.asked, thing, self.encode([phrase]), *view, options)
 
     def grading(self, options: QueryOptions | None = None) -> grades.Grading:
         """How answers of the whole scene are graded."""

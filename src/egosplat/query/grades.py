@@ -3,12 +3,11 @@ probability that an answer is right (docs/method.md#grades)."""
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,9 +16,7 @@ from egosplat.histories.told import Carried
 from egosplat.query.answers import Answer, Evidence, Thing, ViewMatch
 from egosplat.query.options import HELD, QueryOptions
 from egosplat.query.relevancy import relevancy
-from egosplat.query.scene import QueryScene
-from egosplat.query.text import CARRIED, Texts
-from egosplat.query.things import Surface
+from egosplat.query.text import CARRIED, Texts, other_meanings
 
 # Words of a query that are not known, and what is told of them, as of ``text.explain_untaught``.
 Unknown = tuple[tuple[str, ...], str | None]
@@ -36,13 +33,6 @@ LEAST_FOUND, LEAST_GUESS = 2 / 3, 1 / 4
 # A row for each OpenCLIP with a fit: its hash, the keys that it holds for, what ``Calibration`` has; and of the queries that it
 # was made with the share whose thing was there, and the share of wrong answers to these among the wrong ones.
 FITS = Path(__file__).with_name("fits.csv")
-
-# Cosine from which a word means what the query means: "fridge" and "refrigerator", "lamp" and "desk lamp".
-SYNONYM = 0.7
-
-# Names of parts by the name of the whole: cushions fit a couch's Gaussians better than "couch", and are no other thing.
-PARTS = {"bookcase": ("shelf",), "bookshelf": ("shelf",), "plant": ("flower", "pot")}
-PARTS |= {seat: ("blanket", "cushion", "pillow") for seat in ("armchair", "bed", "chair", "couch")}
 
 # Relevancy from which a thing may be what a query means: it is as like the query as the most alike canonical phrase.
 LEAST_FIT = 0.5
@@ -152,48 +142,14 @@ def read_fits() -> dict[str, dict[str, str]]:
         return {row["clip"]: row for row in csv.DictReader(lines)}
 
 
-def measure_evidence(
-    scene: QueryScene,
-    surface: Surface,
-    things: Sequence[Thing],
-    query: Texts,
-    words: Texts,
-    temperature: float,
-) -> list[Evidence]:
-    """Measure for each of the best things, compared with the others, the evidence that it is what the one query means.
-
-    ``words`` are names of things; each competes with the query, unless it means the same (see ``SYNONYM``).
-    """
-    others = torch.nonzero(other_meanings(query, words))[:, 0].tolist()
-    phrases = (*query.phrases, *(words.phrases[row] for row in others))
-    texts = Texts(phrases, torch.cat([query.queries, words.queries[others]]), query.canonical)
+def measure_evidence(things: Sequence[Thing]) -> list[Evidence]:
+    """Measure for each of the best things, compared with the others, the evidence that it is what a query means."""
     scores, measured = [thing.score for thing in things], []
     for row, thing in enumerate(things):
-        lead = _lead(scene, surface, thing, texts, temperature)
         apart = thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)
-        measured.append(Evidence(math.log(max(thing.share, _LEAST_SHARE)), lead, apart))
+        size = math.log(max(thing.share, _LEAST_SHARE))
+        measured.append(Evidence(size, log_odds(thing.score), apart))
     return measured
-
-
-def other_meanings(query: Texts, words: Texts) -> Tensor:
-    """(W,) bool, the words that name something else than the one query: no synonym, no kind of it, nor what it is a kind of, as
-    "table" for "side table", and no part of these."""
-    phrase, fits = query.phrases[0].lower(), (words.queries @ query.queries[0]).tolist()
-    kinds = {word for word in words.phrases if is_kind(word, phrase) or is_kind(phrase, word)}
-    alike = kinds | {phrase, *(word for word, fit in zip(words.phrases, fits, strict=True) if fit >= SYNONYM)}
-    alike |= name_parts(alike)
-    return torch.tensor([word not in alike for word in words.phrases], dtype=torch.bool)
-
-
-def is_kind(phrase: str, word: str) -> bool:
-    """Whether a phrase is a word, or names a kind of it by its last words."""
-    return f" {phrase}".endswith(f" {word}")
-
-
-def name_parts(phrases: Iterable[str]) -> set[str]:
-    """Names of the parts of things, see ``PARTS``."""
-    wholes = [whole for whole in PARTS if any(is_kind(phrase, whole) for phrase in phrases)]
-    return {part for whole in wholes for part in PARTS[whole]}
 
 
 def find_history(histories: Histories, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
@@ -207,23 +163,17 @@ def find_history(histories: Histories, query: Texts, words: Texts, temperature: 
     if not histories.things or not carried[(words.queries @ own).argmax()]:
         return ()
     features, others = histories.features, words.queries[carried & other_meanings(query, words)]
-    unnamed = (features @ others.T >= (features @ own)[:, None]).any(dim=1)
-    scores = relevancy(features, query.queries, query.canonical, temperature)[:, 0]
+    unnamed = fits_as_well(features, own, others)
+    scores = relevancy(features, replace(query, names=None), temperature)[:, 0]
     score, best = scores.masked_fill(unnamed, 0.0).max(dim=0)
     if not score > LEAST_FIT:
         return ()
     return tuple(replace(one, score=float(score)) for one in histories.things[int(best)])
 
 
-def _lead(scene: QueryScene, surface: Surface, thing: Thing, texts: Texts, temperature: float) -> float:
-    """Lead of the first of the texts over the others, which compete with it."""
-    level = surface.levels.index(thing.level)
-    rows = torch.from_numpy(thing.members).to(scene.code.device)
-    code, share = (values[rows, level][:, None] for values in (scene.code, scene.share))
-    fits = replace(scene, code=code, share=share).relevancy(texts, temperature)[:, 0].cpu().numpy()
-    weight = surface.weight[thing.members, level].astype(np.float64)
-    fit, *others = map(log_odds, fits @ weight / weight.sum())
-    return fit - max(others, default=0.0)
+def fits_as_well(features: Tensor, own: Tensor, others: Tensor) -> Tensor:
+    """(N,) bool, whether any of (W, D) other words fits (N, D) features as well as their own (D,) does."""
+    return (features @ others.T >= (features @ own)[:, None]).any(dim=1)
 
 
 def judge(

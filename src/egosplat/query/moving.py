@@ -12,11 +12,11 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.geometry import Array, Camera
 from egosplat.language.vectors import unit
 from egosplat.query.answers import Moving
-from egosplat.query.grades import FOUND, LEAST_FIT, Evidence, Grading, log_odds, other_meanings
+from egosplat.query.grades import FOUND, LEAST_FIT, Evidence, Grading, fits_as_well, log_odds
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy
-from egosplat.query.text import STAYING, WORDS, Texts
+from egosplat.query.text import STAYING, WORDS, Texts, other_meanings
 
 # Arms come from outside: this share of their masks, of so many at least, reaches the edge of what the camera shows.
 _AT_EDGE, _LEAST_VIEWS = 0.8, 15
@@ -77,19 +77,19 @@ class Tracks:
         meant = words.phrases[int((words.queries @ query.queries[0]).argmax())]
         if meant in STAYING and meant not in WORDS["wearer"]:
             return None
-        texts = torch.cat([query.queries, words.queries[other_meanings(query, words)]])
-        fits = relevancy(self.feature, texts, query.canonical, options.temperature).numpy().astype(np.float64)
-        chosen = ~self.worn & (fits[:, 0] > np.maximum(fits[:, 1:].max(axis=1, initial=0.0), LEAST_FIT))
+        others = words.queries[other_meanings(query, words)]
+        fits = relevancy(self.feature, query, options.temperature)[:, 0].numpy().astype(np.float64)
+        named = ~fits_as_well(self.feature, query.queries[0], others).numpy() & (fits > LEAST_FIT)
+        chosen = ~self.worn & named
         shown = chosen[self.track]
         if len(np.unique(self.frame[shown])) < _LEAST_VIEWS:
             return None
         largest = self.share[shown].max()
         weight = np.bincount(self.track[shown], self.share[shown], len(chosen))
-        fit, *rest = (weight @ fits / weight.sum()).tolist()
+        fit = float(weight @ fits / weight.sum())
         rating = fit * largest / (largest + options.box_filter**2)
         if (fitted := grading.calibration) is not None:
-            lead = log_odds(fit) - max(map(log_odds, rest), default=0.0)
-            rating = fitted.probability(Evidence(math.log(largest), lead, rating))
+            rating = fitted.probability(Evidence(math.log(largest), log_odds(fit), rating))
         certain = rating >= _LEAST_RATING and grading.grade(rating) == FOUND
         return self._moving(chosen, rating, seconds) if certain else None
 

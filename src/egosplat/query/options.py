@@ -16,7 +16,15 @@ CANONICAL = ("object", "things", "stuff", "texture")
 MOST = 3
 
 # Keys of ``query`` that move a thing's score, or are a limit of the user's own: a fit holds for the values it was made with.
-HELD = ("canonical", "temperature", "box_filter", "segmentation_threshold", "min_score")
+HELD = (
+    "canonical",
+    "temperature",
+    "box_filter",
+    "segmentation_threshold",
+    "min_score",
+    "size_weight",
+    "name_weight",
+)
 
 
 class QueryOptions(Options, section="query"):
@@ -48,11 +56,17 @@ class QueryOptions(Options, section="query"):
     """Steepness of the relevancy as a function of similarity. LERF and LangSplat use 10, the paper's formula 1
     (docs/method.md#temperature). It does not move the maximum before the box filter, and hardly after it."""
 
+    size_weight: Annotated[float, Field(ge=0, le=2)] = 0.25
+    """Weight of the sizes of things as evidence for names (docs/method.md#sizes); 0 asks by looks alone."""
+
+    name_weight: Annotated[float, Field(ge=0, le=1)] = 0.5
+    """Weight of the names of other things beside canonical phrases (docs/method.md#names); 0 is the paper's."""
+
     resolution: Natural = 0
     """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'
     size. Time and memory per view grow with its square; smaller locates small objects less exactly."""
 
-    min_score: Share = 0.78
+    min_score: Share = 0.7
     """Smallest score, 0 to 1, of an answer that is found, where no calibration holds: in a single view, with models
     that have none, and with another value than this (docs/method.md#grades). A score of 0.5 means as similar as the
     best canonical phrase. 0 accepts everything. docs/models.md has the value of each set of models."""
@@ -89,4 +103,4 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
 
 
 # LangSplat's protocol, used by the paper.
-LANGSPLAT = QueryOptions(min_score=0.5)
+LANGSPLAT = QueryOptions(min_score=0.5, size_weight=0.0, name_weight=0.0)

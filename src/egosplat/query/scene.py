@@ -1,7 +1,7 @@
 """Trained scenes: Gaussians with their render settings, the codes and instances that queries need, and viewpoints."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,9 @@ from egosplat.geometry import Array, Camera, is_rigid
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder, read_scene_decoder
 from egosplat.query.maps import Mask
+from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import Kept, relevancy_maps
+from egosplat.query.sizes import Sizes
 from egosplat.query.text import AT_ONCE, Texts
 
 # A Gaussian farther from every Gaussian that instances were merged on, in units of their median distance to these, is in
@@ -49,7 +51,7 @@ class TrainedScene:
 
     def rendered(self, camera: Camera, camera_to_world: Array) -> Tensor:
         """The (H, W, 3) colors on the device, which may exceed 1."""
-        how = {"sh_degree": self.sh_degree, "background": self.settings.still_background}
+        how = {"sh_degree": self.sh_degree, "background": self.settings.color_behind}
         return render(self.gaussians, camera, camera_to_world, self.settings, **how)[0][..., :3]
 
     def at(self, rests: Rests | None, second: float | None) -> "TrainedScene":
@@ -77,22 +79,32 @@ class TrainedScene:
 @dataclass(frozen=True, eq=False)
 class QueryScene(TrainedScene):
     """A trained scene whose Gaussians have a code and a share, (N, L, C) and (N, L) float32 on their device, at L levels;
-    of ``maps_only`` codes see ``egosplat.language.method.Coded``."""
+    of ``maps_only`` codes see ``egosplat.language.method.Coded``. ``sizes`` are evidence for names, if they are known."""
 
     code: Tensor
     share: Tensor
     decoder: Decoder
     levels: Sequence[str]
     maps_only: bool = False
+    sizes: Sizes | None = None
     _kept: Kept = field(default_factory=dict, init=False)
 
-    def relevancy(self, texts: Texts, temperature: float) -> Tensor:
+    def relevancy(self, texts: Texts, options: QueryOptions) -> Tensor:
         """(Q, L, N) float32 in [0, 1]: relevancy of each Gaussian's own code to all queries; 0 without a code."""
         # An image of one level, with a row for each Gaussian and a column for each of its codes, as they lie in memory.
         seen, few = self.share[None] > 0, self.share.numel() * self.decoder.folded[0].widths[-1] <= AT_ONCE
-        how = texts, temperature, self._kept if few else None
+        how = texts, options.temperature, self._kept if few else None
         maps = relevancy_maps(self.code[None], seen, self.decoder, *how)
-        return maps[:, 0].transpose(1, 2).contiguous()
+        found = maps[:, 0].transpose(1, 2).contiguous()
+        if self.sizes is None or not options.size_weight:
+            return found
+        return self.sizes.weigh(found, texts.phrases, options.size_weight)
+
+    def of_level(self, level: int) -> "QueryScene":
+        """The scene with the codes of one level."""
+        code, share, levels = self.code[:, [level]], self.share[:, [level]], [self.levels[level]]
+        sizes = self.sizes and replace(self.sizes, instance=self.sizes.instance[:, [level]])
+        return replace(self, code=code, share=share, levels=levels, sizes=sizes)
 
 
 def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:

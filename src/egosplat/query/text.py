@@ -3,8 +3,8 @@
 import difflib
 import re
 import unicodedata
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from egosplat.errors import UserError
 from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip
 from egosplat.pipeline.strict_yaml import read_yaml
+from egosplat.query.options import QueryOptions
 
 # Unicode categories of characters that nobody sees: control characters, and those of format, such as zero-width ones; and
 # that of surrogates, to which Python decodes bytes that are not UTF-8.
@@ -22,6 +23,13 @@ _UNSEEN, _NO_TEXT = ("Cc", "Cf"), "Cs"
 
 # Relevancies held at a time, 512 MiB in float32. More queries are answered in batches.
 AT_ONCE = 2**27
+
+# Cosine from which a word means what the query means: "fridge" and "refrigerator", "lamp" and "desk lamp".
+SYNONYM = 0.7
+
+# Names of parts by the name of the whole: cushions fit a couch's Gaussians better than "couch", and are no other thing.
+PARTS = {"bookcase": ("shelf",), "bookshelf": ("shelf",), "plant": ("flower", "pot")}
+PARTS |= {seat: ("blanket", "cushion", "pillow") for seat in ("armchair", "bed", "chair", "couch")}
 
 # Words of questions, and names of things.
 WORDS = read_yaml(Path(__file__).with_name("words.yml"))
@@ -34,29 +42,71 @@ def words_to_try(clip: OpenClip) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
+class Names:
+    """W names of things, (W, D) float32 of unit norm, those that mean something else than each of Q queries, (Q, W) bool, and what they
+    weigh beside canonical phrases, 0..1."""
+
+    features: Tensor
+    others: Tensor
+    weight: float
+
+
+@dataclass(frozen=True, eq=False)
 class Texts:
-    """Q queries with their features, (Q, D) float32 of unit norm, and those of K canonical phrases, (K, D), K at least 1."""
+    """Q queries with their features, (Q, D) float32 of unit norm, and those of K canonical phrases, (K, D), K at least 1; and the names
+    that compete with the queries, if any do."""
 
     phrases: tuple[str, ...]
     queries: Tensor
     canonical: Tensor
+    names: Names | None = None
 
     def of(self, phrases: Sequence[str]) -> "Texts":
         """Select queries, in the order of the given phrases."""
-        rows = [self.phrases.index(phrase) for phrase in phrases]
-        return Texts(tuple(phrases), self.queries[rows], self.canonical)
+        return self._rows([self.phrases.index(phrase) for phrase in phrases])
+
+    def _rows(self, rows: Sequence[int]) -> "Texts":
+        names = self.names and replace(self.names, others=self.names.others[rows])
+        return Texts(tuple(self.phrases[row] for row in rows), self.queries[rows], self.canonical, names)
 
     def in_batches(self, numbers: int) -> Iterator["Texts"]:
         """Split the queries, in order, into batches of at most ``AT_ONCE`` relevancies; a query has this number of them."""
         size = max(1, AT_ONCE // max(1, numbers))
         for begin in range(0, len(self.phrases), size):
-            batch = slice(begin, begin + size)
-            yield Texts(self.phrases[batch], self.queries[batch], self.canonical)
+            yield self._rows(range(len(self.phrases))[begin : begin + size])
 
 
-def encode_texts(clip: OpenClip, phrases: Sequence[str], canonical: Sequence[str]) -> Texts:
-    """Encode queries and canonical phrases as they are, without a prompt template (docs/method.md#query-text)."""
-    return Texts(tuple(phrases), encode_phrases(clip, phrases), _encode_canonical(clip, tuple(canonical)))
+def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) -> Texts:
+    """Encode queries, canonical phrases and names of things as they are, without a prompt template (docs/method.md#query-text)."""
+    texts = Texts(tuple(phrases), encode_phrases(clip, phrases), _encode_again(clip, options.canonical))
+    if not options.name_weight:
+        return texts
+    words = (known := words_to_try(clip)), _encode_again(clip, known), texts.canonical
+    others = [other_meanings(texts.of([phrase]), Texts(*words)) for phrase in phrases]
+    return (
+        replace(texts, names=Names(words[1], torch.stack(others), options.name_weight)) if others else texts
+    )
+
+
+def other_meanings(query: Texts, words: Texts) -> Tensor:
+    """(W,) bool, the words that name something else than the one query: no synonym, no kind of it, nor what it is a kind of, as
+    "table" for "side table", and no part of these."""
+    phrase, fits = query.phrases[0].lower(), (words.queries @ query.queries[0]).tolist()
+    kinds = {word for word in words.phrases if is_kind(word, phrase) or is_kind(phrase, word)}
+    alike = kinds | {phrase, *(word for word, fit in zip(words.phrases, fits, strict=True) if fit >= SYNONYM)}
+    alike |= name_parts(alike)
+    return torch.tensor([word not in alike for word in words.phrases], dtype=torch.bool)
+
+
+def is_kind(phrase: str, word: str) -> bool:
+    """Whether a phrase is a word, or names a kind of it by its last words."""
+    return f" {phrase}".endswith(f" {word}")
+
+
+def name_parts(phrases: Iterable[str]) -> set[str]:
+    """Names of the parts of things, see ``PARTS``."""
+    wholes = [whole for whole in PARTS if any(is_kind(phrase, whole) for phrase in phrases)]
+    return {part for whole in wholes for part in PARTS[whole]}
 
 
 def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
@@ -76,7 +126,7 @@ def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
     return torch.from_numpy(unit(features)).float()
 
 
-_encode_canonical = lru_cache(maxsize=1)(encode_phrases)
+_encode_again = lru_cache(maxsize=2)(encode_phrases)
 
 
 def refuse_phrase(clip: OpenClip, phrase: str) -> str | None:

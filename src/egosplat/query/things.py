@@ -13,6 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from egosplat.drawing import ground_axes
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Array, Camera, known_poses
@@ -40,6 +41,9 @@ LEAST_GAUSSIANS = 16
 
 # Quantiles of a thing's box, weighted by visible share: single Gaussians far away do not enlarge it.
 EXTENT = (0.02, 0.98)
+
+# Quantiles of the extents of an instance, and of the heights of all Gaussians for the height of the floor.
+_INSIDE, _FLOOR = (0.04, 0.96), 0.01
 
 # Two things are duplicates if they share more than this part of the smaller one's visible share.
 SAME = 0.25
@@ -113,7 +117,7 @@ def ask_scene(
     """Find for each query, in order, at most ``most`` things by decreasing score; none if no Gaussian has a code."""
     how = options.segmentation_threshold, options.box_filter, most
     for batch in texts.in_batches(scene.share.numel()):
-        for relevancy in scene.relevancy(batch, options.temperature).cpu().numpy():
+        for relevancy in scene.relevancy(batch, options).cpu().numpy():
             yield find_things(surface, relevancy, *how)
 
 
@@ -151,6 +155,31 @@ def find_neighbors(means: Array, radii: Array) -> csr_array:
     row, column = np.nonzero(distance <= REACH * (radii[order, None] + radii[nearest]))
     ones = np.ones(len(row), np.float32)
     return csr_array((ones, (order[row], nearest[row, column].astype(np.int32))), shape=(size, size))
+
+
+def measure_extents(xyz: Array, instance: NDArray[np.int32], touching: csr_array, up: Array) -> Array:
+    """(I, 5) float64 extents of instances, in the unit of (N, 3) centers: height, longer and shorter side of the footprint, and
+    heights of foot and top above the floor; NaN where too few Gaussians show them.
+
+    ``instance`` is (L, N), -1 for none. Only the largest set of Gaussians that touch, by an (N, N) matrix, counts; ``up`` is (3,).
+    """
+    count = int(instance.max(initial=-1)) + 1
+    extents, height, flat = np.full((count, 5), np.nan), xyz @ up, xyz @ ground_axes(up).T
+    floor = np.quantile(height, _FLOOR) if len(height) else 0.0
+    for own in instance:
+        order = np.argsort(own, kind="stable")
+        for index, members in enumerate(
+            np.split(order, np.searchsorted(own[order], np.arange(count + 1)))[1:-1]
+        ):
+            if len(members):
+                label = connected_components(touching[members][:, members], directed=False)[1]
+                members = members[label == np.bincount(label).argmax()]
+            if len(members) >= LEAST_GAUSSIANS:
+                along = flat[members] @ np.linalg.eigh(np.cov(flat[members].T))[1]
+                short, long = np.ptp(np.quantile(along, _INSIDE, axis=0), axis=0)
+                foot, top = np.quantile(height[members], _INSIDE)
+                extents[index] = top - foot, long, short, foot - floor, top - floor
+    return extents
 
 
 def find_things(

@@ -71,11 +71,9 @@ class Asker:
         self.scene, self.texts, self.options = scene, texts, options
         self.own = self.rests = None
         if options.readout == "gaussians" and not scene.maps_only:
-            self.own, self.rests = scene.relevancy(texts, options.temperature).permute(2, 1, 0), rests
+            self.own, self.rests = scene.relevancy(texts, options).permute(2, 1, 0), rests
         if self.rests is not None:
-            feature = self.rests.feature
-            queries, canonical = texts.queries.to(feature), texts.canonical.to(feature)
-            self.of_things = relevancy(feature, queries, canonical, options.temperature)
+            self.of_things = relevancy(self.rests.feature, texts, options.temperature)
 
     def ask(
         self,
@@ -214,9 +212,8 @@ def show_thing(
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
     filled, _ = composite(gaussians_in(scene.gaussians, small, camera_to_world, scene.settings), members)
-    mask, kept = _filled_mask(filled[..., 0].cpu().numpy(), valid), slice(level, level + 1)
-    of_level = replace(scene, code=scene.code[:, kept], share=scene.share[:, kept], levels=scene.levels[kept])
-    [match] = Asker(of_level, texts, options).ask(texts.phrases, camera, camera_to_world, valid)
+    mask = _filled_mask(filled[..., 0].cpu().numpy(), valid)
+    [match] = Asker(scene.of_level(level), texts, options).ask(texts.phrases, camera, camera_to_world, valid)
     pixel, name = innermost(mask) if mask.any() else None, thing.level
     place = {"level": name, "pixel": pixel, "position": None, "mask_level": name, "mask": mask}
     return replace(match, score=thing.score, **place)

@@ -14,9 +14,10 @@ from pathlib import Path
 from egosplat.calibration.files import AUTO
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
-from egosplat.files import read_user_text, write_text
+from egosplat.files import alone, read_user_text, write_text
 from egosplat.pipeline.config import LayeredConfig
 from egosplat.pipeline.home import SNAKEFILE, find_home
+from egosplat.pipeline.process_guards import STARTED_BY
 from egosplat.pipeline.scenes import Scene, local_table, read_rows, scene_of_row, tables_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
@@ -33,7 +34,7 @@ def make_scene(
     """Write the row of a recording, a file or folder, with the keys ``options``, and run the workflow to the scene's page.
 
     None is for the name of the source, the preset of the configuration, and all processors. UserError: the source is no
-    recording, the name is taken, a key is wrong, or a step failed.
+    recording, the name is taken, a key is wrong, a step failed, or another process makes the scene.
     """
     settings = [f"preset={preset}"] if preset else []
     config, _ = read_configuration([], settings)
@@ -46,39 +47,46 @@ def make_scene(
     found = read_source(source, unpacked, given.get("frames.known_poses", AUTO))
     keys = " ".join(f"{key}={value}" for key, value in {**found.options, **given}.items())
     row = {"dataset": dataset, "scene": scene_name, "format": found.format, "recording": str(found.path)}
-    scene = put_row(config, row | {"options": keys})
-    stride = scene.config["frames"]["stride"]
-    taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
-    log(f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}")
-    words = ["snakemake", "--cores", str(cores or len(os.sched_getaffinity(0)))]
-    if (workflow := find_home(SNAKEFILE)) != SNAKEFILE:
-        words[1:1] = ["--snakefile", str(workflow)]
-    # Two jobs on one GPU may exceed its memory.
-    words += ["--resources", "gpu=1"] if shutil.which("nvidia-smi") else []
-    words += ["--config", *settings] if settings else []
-    # The inputs of the page are all that a query needs.
-    words += ["--", str(scene.results / STAGES["scene_page"].output)]
-    log(f"Snakemake's command, to go on with: {shlex.join(words)}")
-    if run_snakemake(words):
-        raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
+    # Before the row changes.
+    with alone(unpacked.with_name(".running"), f"{dataset}/{scene_name}"):
+        scene = put_row(config, row | {"options": keys})
+        stride = scene.config["frames"]["stride"]
+        taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
+        log(f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}")
+        words = ["snakemake", "--cores", str(cores or len(os.sched_getaffinity(0)))]
+        if (workflow := find_home(SNAKEFILE)) != SNAKEFILE:
+            words[1:1] = ["--snakefile", str(workflow)]
+        # Two jobs on one GPU may exceed its memory.
+        words += ["--resources", "gpu=1"] if shutil.which("nvidia-smi") else []
+        words += ["--config", *settings] if settings else []
+        # The inputs of the page are all that a query needs; Snakemake makes anew only what is named.
+        stages = ("scene_page", *STAGES["scene_page"].inputs)
+        words += ["--", *(str(scene.results / STAGES[name].output) for name in stages)]
+        log(f"Snakemake's command, to go on with: {shlex.join(words)}")
+        if run_snakemake(words):
+            raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
     return scene
 
 
 def run_snakemake(words: Sequence[str]) -> int:
     """Run Snakemake, and get its exit status. A signal that ends this process ends Snakemake and its steps first, which remove
-    their unfinished outputs; a second Ctrl-C kills them."""
+    their unfinished outputs; a second Ctrl-C, or ten seconds, kill them."""
     # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by this process.
     for ending in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ending, signal.default_int_handler)
-    process = subprocess.Popen([sys.executable, "-m", *words], start_new_session=True)
+        if signal.getsignal(ending) != signal.SIG_IGN:  # nohup's
+            signal.signal(ending, signal.default_int_handler)
+    # What a script starts in the background ignores interrupts, and with it each step would: a handler becomes the default.
+    usual, own = signal.signal(signal.SIGINT, signal.default_int_handler), {STARTED_BY: str(os.getpid())}
+    process = subprocess.Popen([sys.executable, "-m", *words], start_new_session=True, env=os.environ | own)
+    signal.signal(signal.SIGINT, usual)
     try:
         return process.wait()
     except BaseException:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGINT)
         try:
-            process.wait()
-        except KeyboardInterrupt:
+            process.wait(10.0)  # compiled code does not hear of a signal
+        except (KeyboardInterrupt, subprocess.TimeoutExpired):
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
         raise

@@ -18,6 +18,7 @@ from egosplat.calibration.files import (
     PICTURES,
     TRAJECTORIES,
     list_pictures,
+    other_poses,
     present_known_poses,
 )
 from egosplat.calibration.known_poses import find_known_poses
@@ -38,8 +39,11 @@ _VIDEOS = (
     *(".wmv", ".flv", ".h264", ".h265"),
 )
 
-# Of a damaged archive, an encrypted one, and one with another compression.
-_FAULTS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError)
+# How many times its size an archive of pictures cannot hold: a bomb does. Texts hold ten times theirs.
+_MOST_PACKED = 100
+
+# Of a damaged archive, an encrypted one, one with another compression, and one with a file in a file.
+_FAULTS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, NotADirectoryError)
 
 
 class Source(NamedTuple):
@@ -110,8 +114,8 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
         others = _videos(folder) or [inner for inner in _folders(folder) if _has_recording(inner)]
         if others:
             names = ", ".join(path.name for path in others[:3])
-            told = f"holds no pictures, but {names}; give one of them, such as {others[0]}"
-            raise UserError(f"{folder}: {told}")
+            told = f"{folder}: holds no pictures, but {names}; give one of them, such as {others[0]}"
+            raise UserError(other_poses(folder) or told)
     kind = find_known_poses(folder, known_poses)
     count = len(open_source(folder, kind).pictures)
     poses = "" if kind is None else f" with poses ({KNOWN_POSES[kind]})"
@@ -158,11 +162,24 @@ def unpack(archive: Path, beside: Path) -> Path:
             members = sorted((entry.filename, entry.file_size, entry.CRC) for entry in opened.infolist())
             digest = hashlib.sha256(repr(members).encode()).hexdigest()[:8]
             folder = beside.with_name(f"{beside.name}-{digest}")
+            if sum(size for _, size, _ in members) > _MOST_PACKED * archive.stat().st_size:
+                told = f"unpacks to more than {_MOST_PACKED} times its size, as no pictures do"
+                raise UserError(f"{archive}: {told}; pack it anew")
             if not folder.is_dir():
                 with atomic_directory(folder) as scratch:
-                    # Names outside of the folder, as ../a.png, lead into it.
-                    opened.extractall(scratch)
+                    for entry in opened.infolist():
+                        _extract(opened, entry, scratch)
     except _FAULTS as error:
         told = f"{archive}: cannot be unpacked ({error}); copy it again, or pack it anew"
         raise UserError(told) from error
     return folder
+
+
+def _extract(opened: zipfile.ZipFile, entry: zipfile.ZipInfo, folder: Path) -> None:
+    """Unpack one file into a folder (UserError: the folder has one of its name)."""
+    # Windows' PowerShell writes names with backslashes. Names outside of the folder, as ../a.png, lead into it.
+    entry.filename = entry.filename.replace("\\", "/")
+    path = folder.joinpath(*(part for part in entry.filename.split("/") if part not in ("", ".", "..")))
+    if not entry.is_dir() and path.exists():
+        raise UserError(f"{opened.filename}: holds {path.relative_to(folder)} twice; pack it anew")
+    opened.extract(entry, folder)

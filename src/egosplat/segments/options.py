@@ -87,18 +87,11 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     probability of the transient network reaches masks.threshold. auto: if the survey finds motion; by hand, if
     transient.zarr is given."""
 
-    merge_iou: Share = 0.6
-    """Merge two instances of a level if their masks overlap with a larger IoU in the frames that show both."""
-
     min_frames: Annotated[Count, READING] = 3
     """Drop instances seen in fewer frames. In a video with fewer frames, drop those not seen in all of them."""
 
     max_instances: Annotated[Count, READING] = 200
     """Largest number of instances tracked per level; the best are kept. Time and memory grow with it."""
-
-    lost_track_stride: Annotated[Count, READING] = 3
-    """Search for a lost instance only every N frames once it has been missing for N frames. 1 searches in every
-    frame and is slower the more instances are out of view."""
 
     def key_frames(self, training: NDArray[np.intp]) -> NDArray[np.intp]:
         """Those of (N,) training frames that are segmented by themselves."""

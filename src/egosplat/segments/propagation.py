@@ -17,6 +17,9 @@ from egosplat.models.image_encoder import EncodedImage
 from egosplat.models.sam2_loader import Sam2
 from egosplat.models.video_predictor import fill_holes
 
+# Searching in every frame is slower the more objects are out of view.
+LOST_STRIDE = 3
+
 # ``maskmem_features`` (K, C, h, w) bfloat16 and ``obj_ptr`` (K, C), as SAM2 names them. Memories of older frames hold
 # ``obj_ptr`` only.
 Memory = dict[str, Tensor]
@@ -72,17 +75,15 @@ class Propagator:
         sam2: Sam2,
         encoded: Callable[[int], EncodedImage],
         frames: int,
-        lost_track_stride: int = 1,
         *,
         lost_tracks_end: bool = False,
     ) -> None:
         """Set up for a video of so many frames. ``encoded``: returns the features of a frame; called for
-        those in which an object is searched for. ``lost_track_stride``: search for an object that was not
-        seen for this many frames only in frames that are a multiple of it. In the others it counts as absent
-        and its memory stays as it was. ``lost_tracks_end``: whether to search no more for what is out of view
-        for as long as SAM2's memory reaches."""
+        those in which an object is searched for. ``lost_tracks_end``: whether to search only in every
+        ``LOST_STRIDE``-th frame for what was not seen for as many, and no more for what is out of view for as
+        long as SAM2's memory reaches. In other frames it counts as absent and its memory stays as it was."""
         self._model, self._encoded = sam2.video_predictor, encoded
-        self._frames, self._lost_track_stride = frames, lost_track_stride
+        self._frames, self._stride = frames, LOST_STRIDE if lost_tracks_end else 1
         self._patience = self._model.max_obj_ptrs_in_encoder if lost_tracks_end else math.inf
 
     def begin(self, frame: int, ids: list[int], logits: Tensor) -> Group:
@@ -113,7 +114,7 @@ class Propagator:
         # SAM2's logit of an absent object, for the objects that are not searched for in this frame.
         logits = group.begun["obj_ptr"].new_full((count, side, side), NO_OBJ_SCORE, dtype=torch.float32)
         # Frame indices, not the age of a track: lost tracks of all groups are then searched for in the same frames.
-        patience = self._patience if frame % self._lost_track_stride == 0 else self._lost_track_stride
+        patience = self._patience if frame % self._stride == 0 else self._stride
         chosen = (group.unseen < min(patience, self._patience)).nonzero()[:, 0].tolist()
         memory = dict(group.recent.get(frame + 1 if reverse else frame - 1, group.begun))
         if chosen:  # only these objects pass through the model

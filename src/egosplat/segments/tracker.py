@@ -65,8 +65,8 @@ class Tracker:
         self._moving = lru_cache(1)(lambda frame: self._shrunk(moves(frame) if moves else everything))
         self._inside = lru_cache(1)(lambda frame: self._shrunk(video.shown(frame).astype(np.float32)) > 0.5)
         # What moves again later is prompted again. Or else the time would grow with tracks times frames.
-        ends, stride = moves is not None, options.lost_track_stride
-        self._propagator = Propagator(sam2, self._encoded, video.length, stride, lost_tracks_end=ends)
+        ends = moves is not None
+        self._propagator = Propagator(sam2, self._encoded, video.length, lost_tracks_end=ends)
 
     def run(self, checkpoint: Checkpoint | None = None) -> Segmented:
         """Track the video in both directions, resuming from the checkpoint if it holds a state."""
@@ -151,8 +151,7 @@ class Tracker:
 
     def _same(self) -> list[tuple[int, int]]:
         """Pairs of instances of a level that are one object, as far as they have been tracked."""
-        limits = self._options.merge_iou, self._video.length
-        return [pair for overlaps in self._overlaps for pair in overlaps.same(*limits)]
+        return [pair for overlaps in self._overlaps for pair in overlaps.same(self._video.length)]
 
     def _backwards(self, frame: int) -> None:
         seen = self._propagated(frame, reverse=True)

@@ -20,6 +20,9 @@ Labels = NDArray[np.int32]
 # Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance.
 MIN_COMMON_FRAMES = 2
 
+# IoU over the frames that show both, above which two instances of a level are one.
+SAME_IOU = 0.6
+
 
 @dataclass(frozen=True)
 class Video:
@@ -149,10 +152,10 @@ class Overlaps:
         shared = intersections(masks, others).cpu().numpy()
         self.sums[:, *np.ix_(ids, other_ids)] += [shared, size[:, None] * both, both]
 
-    def same(self, iou_thresh: float, frames: int) -> list[tuple[int, int]]:
-        """Pairs of instances whose IoU over their common frames is above the threshold, in a video of ``frames`` frames."""
+    def same(self, frames: int) -> list[tuple[int, int]]:
+        """Pairs of instances whose IoU over their common frames is above ``SAME_IOU``, in a video of ``frames`` frames."""
         shared, area, common = self.sums
         union = area + area.T - shared
         iou = np.divide(shared, union, out=np.zeros_like(union), where=union > 0)
-        alike = (iou > iou_thresh) & (common >= min(MIN_COMMON_FRAMES, frames))
+        alike = (iou > SAME_IOU) & (common >= min(MIN_COMMON_FRAMES, frames))
         return [(int(a), int(b)) for a, b in np.argwhere(np.triu(alike, 1))]

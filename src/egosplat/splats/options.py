@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from egosplat.pipeline.options import READING, Count, Positive, Share, Text
+from egosplat.pipeline.options import READING, Count, Text
 from egosplat.pipeline.shared_options import BackendOptions, CameraOptions, NearPlaneOptions, SeedOptions
 
 
@@ -25,22 +25,15 @@ class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions
     and geometry fixed. joint: in one training with the sum of both losses, as in the paper. The codes then change
     the geometry, and every change of segments or features trains it again."""
 
-    feature_weight: Annotated[float, Field(ge=0), READING] = 1.0
-    """Weight of the code loss if language is joint. The paper uses 1. Larger distorts the geometry more."""
-
     iterations: Count = 3000
     """Training iterations, one frame each. More add fine detail and take longer. 3DGS uses 30,000. The learning
     rate and the end of density control scale with it; the intervals of density control, opacity resets and
-    spherical harmonics do not. On a synthetic apartment with 108 views, 3,000 with densify_init reach the PSNR of
-    7,000 without (27.9 and 28.0 dB)."""
+    spherical harmonics do not. On a synthetic apartment with 108 views, 3,000 with added points reach the PSNR
+    of 7,000 without (27.9 and 28.0 dB)."""
 
     max_points: Count = 50000
     """Largest number of initial points; never more than max_gaussians. If there are more, a random subset is kept.
     If there are none, this number of random points is used."""
-
-    densify_init: Annotated[bool, READING] = True
-    """Add initial points where a training view shows none (windows, lamps, plain walls), at the depth of the
-    surrounding points and within max_points. The paper mentions no such step."""
 
     max_gaussians: Count = 100000
     """Largest number of Gaussians. More hold finer detail; memory grows with it, and time where many overlap a
@@ -50,25 +43,11 @@ class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions
     """Highest spherical-harmonics degree of view-dependent color. 0 is matt and takes a quarter of the memory; 3
     shows highlights."""
 
-    ssim_lambda: Annotated[Share, READING] = 0.2
-    """Weight of 1 - SSIM in the loss; L1 has the rest (docs/method.md#ssim). Larger favors structure over
-    brightness."""
-
-    reset_opacity: Annotated[float, Field(gt=0.005, lt=1), READING] = 0.05
-    """Opacity to which density control regularly lowers all Gaussians; only those that are needed recover. 3DGS and
-    EgoLifter use 0.01 (docs/method.md#opacity-reset), at which some Gaussians get no gradient any more."""
-
-    reset_at_start: Annotated[bool, READING] = False
-    """Reset opacities also when density control begins, as 3DGS and EgoLifter do with a white background."""
-
-    prune_screen_px: Annotated[Positive | None, READING] = None
-    """Screen radius in pixels above which density control prunes a Gaussian, after the first regular reset. null
-    prunes none. 3DGS and EgoLifter use 20 at any resolution (docs/method.md#size-pruning), which removes large
-    plain surfaces that then have to grow again."""
-
-    background: Annotated[Literal["black", "white", "random"], READING] = "black"
-    """Color behind the Gaussians. black hides holes in dark regions. random, a new color in each iteration, makes
-    all surfaces opaque and adds noise."""
+    recipe: Annotated[Literal["own", "paper"], READING] = "own"
+    """How the Gaussians are trained (docs/method.md#starting-points). own: on black, with 3DGS's share of SSIM in the
+    loss, opacities that are reset to 0.05, and added initial points where a training view shows none (windows, lamps,
+    plain walls). paper: on white, by L1 alone, without added points, and as in 3DGS and EgoLifter opacities are reset to
+    0.01, also when density control begins, and Gaussians of more than 20 pixels are pruned after a reset."""
 
     evaluate_every: Count = 1000
     """Iterations between two evaluations on the held-out frames. The scores are logged and stored and change

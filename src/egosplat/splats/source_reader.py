@@ -1,6 +1,7 @@
 """Read Gaussians that another program trained: .ply of 3DGS, compressed .ply of SuperSplat, .spz."""
 
 import gzip
+import math
 import struct
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,9 @@ _PACKED = b"packed_position"
 
 # Number of f_rest columns: three colors of the coefficients above degree 0, for degrees 0 to 3.
 _RESTS = {0: 0, 9: 1, 24: 2, 45: 3}
+
+# So many Gaussians never are all alike.
+_MANY = 50
 
 # Logit that stands for an opacity of 1 or 0, which some programs write as infinite.
 _OPAQUE = 15.0
@@ -149,11 +153,24 @@ def _usable(gaussians: Gaussians, path: Path) -> Gaussians:
         raise UserError(f"{path}: holds no Gaussian. Export it again")
     logits = gaussians.logit_opacities.nan_to_num(float("nan"), _OPAQUE, -_OPAQUE)
     gaussians = replace(gaussians, logit_opacities=logits)
-    whole = gaussians.finite() & (gaussians.quats.norm(dim=1) > 0)
-    if not whole.any():
-        raise UserError(
-            f"{path}: none of {gaussians.count} Gaussians has finite numbers. Train or export it again"
-        )
+    turned, small = gaussians.quats.norm(dim=1) > 0, gaussians.scales.isfinite().all(dim=1)
+    whole = gaussians.finite() & turned
     if lost := int((~whole).sum()):
-        log(f"{path}: leaves out {lost} of {gaussians.count} Gaussians, whose numbers are not finite")
-    return gaussians.select(whole)
+        why = f"{(~turned).sum()} with rot of length 0, {(~small).sum()} with scales over e^88, or not finite"
+        if lost == gaussians.count:
+            raise UserError(f"{path}: none of {lost} Gaussians can be drawn: {why}. Export it again")
+        log(f"{path}: leaves out {lost} of {gaussians.count} Gaussians: {why}")
+    _check_activations(gaussians := gaussians.select(whole), path)
+    return gaussians
+
+
+def _check_activations(gaussians: Gaussians, path: Path) -> None:
+    """Raise UserError for opacities that are no logits, or scales that are no logarithms, as no training leaves them."""
+    logits, center = gaussians.logit_opacities, gaussians.means.median(dim=0).values
+    # In a scene of millimeters each may be longer than 1, but not than a hundredth of the scene.
+    least, away = float(gaussians.log_scales.min()), float((gaussians.means - center).abs().median())
+    shares, lengths = logits.min() >= 0 and logits.max() <= 1, least > 0 and math.exp(least) > 1e-2 * away
+    # Of few, as of a part that was cut out, all may be faint, or large.
+    if gaussians.count >= _MANY and (shares or lengths):
+        what = "opacity, in 0 to 1, has no logits" if shares else "scale_0 to 2, above 0, have no logarithms"
+        raise UserError(f"{path}: {what}. Export the parameters as training has them")

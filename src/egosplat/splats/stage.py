@@ -51,6 +51,9 @@ from egosplat.progress import log
 from egosplat.splats.imported import import_gaussians
 from egosplat.splats.options import SplatsOptions
 
+# Keys of a training that the stage has.
+_TRAINING = {"max_points", "max_gaussians", "sh_degree", "evaluate_every"}
+
 
 def run(
     frames_path: Path,
@@ -91,12 +94,12 @@ def run(
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
     record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
-    training = TrainingOptions.of(options)
+    training = TrainingOptions.of(options, options.recipe, **options.model_dump(include=_TRAINING))
     view_sets = _view_sets(frames, poses, kept, masking, training)
-    objective: Objective = L1Ssim(options.ssim_lambda)
+    objective: Objective = L1Ssim(training.ssim_lambda)
     if language_inputs:
         targets = CodeTargets(*language_inputs, view_sets.training.device)
-        objective = JointLanguage(options.ssim_lambda, options.feature_weight, targets)
+        objective = JointLanguage(training.ssim_lambda, targets)
     state = begin(poses, view_sets.training, training, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     resume_and_train(state, view_sets, training, checkpoint)
@@ -112,7 +115,7 @@ def _import(
     record = provenance.begin_from(
         "splats", options.as_dict(), [frames, poses], {"source": joint_hash(files)}
     )
-    training = TrainingOptions.of(options)
+    training = TrainingOptions.of(options, options.recipe, **options.model_dump(include=_TRAINING))
     device = training_device(options.backend)
     gaussians, source = import_gaussians(files, frames, poses, training.render, device)
     masking = open_masking("none", frames, transient_path=None, masks_path=None)

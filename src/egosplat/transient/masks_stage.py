@@ -27,16 +27,24 @@ from egosplat.transient.sure_regions import RegionMasks, find_regions, lasting_m
 
 Scores = NDArray[np.float64]
 
+# Least share of a transient instance's pixels that stand out (docs/method.md#stands-out). 0.3 to 0.55 work equally well, but where
+# arms are always in view, 0.5 masks a quarter of the moving pixels and 0.35 two thirds.
+LEAST_OUTSTANDING = 0.35
+
+# Probability from which a pixel of a transient instance is masked, and from which a pixel moves without one.
+PIXEL_PROBABILITY, SURE_PROBABILITY = 0.5, 0.9
+
+# Mean probability, or share of transient instances, above which nothing is masked: poses, exposure or blur look like motion.
+MAX_SHARE = 0.5
+
 # An instance that is merged of fewer masks may be of something that moves.
 _MASKS_THAT_HOLD = 3
 
 
-def transient_instances(
-    scores: Scores, pixels: NDArray[np.int64], level: NDArray[np.int8], threshold: float, levels: set[int]
-) -> NDArray[np.bool_]:
-    """(N,) the set D: instances of ``levels`` with at least one pixel and a score of at least ``threshold``."""
+def transient_instances(scores: Scores, pixels: NDArray[np.int64], threshold: float) -> NDArray[np.bool_]:
+    """(N,) the set D: instances of all levels with at least one pixel and a score of at least ``threshold``."""
     # An instance without pixels has the score 0, which reaches a threshold of 0.
-    return (scores >= threshold) & (pixels > 0) & np.isin(level, sorted(levels))
+    return np.asarray(scores >= threshold) & (pixels > 0)
 
 
 def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
@@ -63,20 +71,19 @@ def run(
     for artifact in (transient, instances):
         check_made_from(artifact, frames, axes=("frame", "height", "width"))
     record = provenance.begin_from("masks", options.as_dict(), inputs)
-    names = instances.facts["levels"]
-    levels = set(range(len(names))) if options.level == "all" else {names.index(options.level)}
     # Training frames alone decide: evaluation frames must not influence training.
     rows = np.flatnonzero(frames.read("train"))
     by_probability, outstanding, mean_probability = _score(inputs, rows)
-    level, tracks = instances.read("instances/level"), is_track(instances)
+    tracks = is_track(instances)
     scores, pixels = by_probability.scores, by_probability.pixels
-    called = transient_instances(scores, pixels, level, options.threshold, levels)
-    static = looks_static(outstanding, options.stands_out)
-    chosen, seen = called & ~static, int((pixels > 0)[np.isin(level, sorted(levels))].sum())
+    called = transient_instances(scores, pixels, options.threshold)
+    guarded = options.recipe == "own"
+    static = looks_static(outstanding, LEAST_OUTSTANDING if guarded else 0)
+    chosen, seen = called & ~static, int((pixels > 0).sum())
     withheld, many = None, int(chosen.sum())
-    if mean_probability > options.max_share:
+    if guarded and mean_probability > MAX_SHARE:
         withheld = BY_NETWORK
-    elif seen and many > options.max_share * seen:
+    elif guarded and many > MAX_SHARE * seen:
         withheld = BY_INSTANCES
     if withheld:
         log(
@@ -86,19 +93,18 @@ def run(
     # Masks that are merged cover the same surfaces in several views: they stand still.
     chosen &= tracks & (withheld is None)
     regions = RegionMasks({}, {})
-    if options.sure_probability is not None and not withheld:
+    if guarded and not withheld:
         merged = instances.read("instances/masks") >= _MASKS_THAT_HOLD
         still = np.where(tracks, called & static, merged)
-        regions = _find_regions(inputs, still, called, rows, options.sure_probability)
+        regions = _find_regions(inputs, still, called, rows)
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", scores.astype(np.float32))
         artifact.put("instances/stands_out", outstanding.scores.astype(np.float32))
         artifact.put("instances/transient", chosen)
-        share, by_regions = _put_refined(artifact, inputs, chosen, regions, options)
+        share, by_regions = _put_refined(artifact, inputs, chosen, regions, guarded)
         artifact.facts = {
             "threshold": options.threshold,
-            "level": options.level,
-            "levels": names,
+            "levels": instances.facts["levels"],
             "transient": int(chosen.sum()),
             "masked_share": share,
             "masked_by_regions": by_regions,
@@ -144,11 +150,7 @@ def _score(inputs: _Inputs, rows: NDArray[np.int64]) -> tuple[InstanceScores, In
 
 
 def _find_regions(
-    inputs: _Inputs,
-    still: NDArray[np.bool_],
-    called: NDArray[np.bool_],
-    rows: NDArray[np.int64],
-    sure_probability: float,
+    inputs: _Inputs, still: NDArray[np.bool_], called: NDArray[np.bool_], rows: NDArray[np.int64]
 ) -> RegionMasks:
     """Find what lasts; where the network errs about a ``still`` one of the ``called`` instances, it is not sure of anything."""
     frames, transient, _ = inputs
@@ -156,7 +158,7 @@ def _find_regions(
     regions = {}
     for frame in track(rows.tolist(), "finding regions", total=len(rows)):
         labels = inputs.labels(frame)
-        sure = (transient.row("probability", frame) >= sure_probability) & compared
+        sure = (transient.row("probability", frame) >= SURE_PROBABILITY) & compared
         sure = shown_pixels(frames, frame, sure) & ~refined_mask(labels, still & called)
         outstanding = transient.row("stands_out", frame) if measured[frame] else None
         regions[frame] = find_regions(sure, refined_mask(labels, still), outstanding)
@@ -164,7 +166,7 @@ def _find_regions(
 
 
 def _put_refined(
-    artifact: Writer, inputs: _Inputs, chosen: NDArray[np.bool_], regions: RegionMasks, options: MasksOptions
+    artifact: Writer, inputs: _Inputs, chosen: NDArray[np.bool_], regions: RegionMasks, guarded: bool
 ) -> tuple[float, float]:
     """Write the masks of all frames; returns the share of all pixels that are masked, and that regions alone mask."""
     count, height, width = inputs.transient.shape("probability")
@@ -172,11 +174,11 @@ def _put_refined(
     masked, by_instances = 0, 0
     for frame in track(range(count), "writing masks"):
         probability = inputs.transient.row("probability", frame)
-        marked = probability >= options.pixel_probability
+        marked = probability >= (PIXEL_PROBABILITY if guarded else 0)
         mask = refined_mask(inputs.labels(frame), chosen) & marked
         by_instances += int(mask.sum())
-        if options.sure_probability is not None:
-            sure = probability >= options.sure_probability
+        if guarded:
+            sure = probability >= SURE_PROBABILITY
             mask |= shown_pixels(inputs.frames, frame, regions.mask(frame, sure, marked))
         masked += int(mask.sum())
         artifact.put_row("refined", frame, mask)

@@ -13,9 +13,6 @@ from egosplat.gaussians.training_views import Views
 from egosplat.transient.network import TransientNet
 from egosplat.transient.options import TransientOptions
 
-# Factor on the mean over all values, by reduction over R, G, B.
-CHANNELS = {"mean": 1.0, "sum": 3.0}
-
 # A pixel stands out if its squared difference is larger than this many medians of its frame. In ten synthetic apartments
 # the median of moving pixels is 3 to 12 medians, and that of static ones 1 (benchmarks/transient/README.md).
 STANDS_OUT = 3.5
@@ -51,11 +48,12 @@ class InitialObjective(Objective):
     def loss(self, image: Tensor, views: Views, index: int) -> Tensor:
         """Return L_init of one image; see ``egosplat.gaussians.loss.Objective``."""
         picture = views.picture(index)
-        factor = CHANNELS[self._options.residual]
+        # The paper has the sum over R, G and B; the mean is EgoLifter's.
+        factor = 3.0 if self._options.recipe == "paper" else 1.0
         self._iteration += 1
         # Pixels that the frame's own mask leaves out have no weight.
         shown = views.weight(index)
-        in_residuals, penalty = self._options.penalty_unit == "residual", self._options.transient_penalty
+        in_residuals, penalty = self._options.recipe == "own", self._options.transient_penalty
         if in_residuals and (self._warming_up or not self.residuals.has(index)):
             squared = factor * (image.detach() - picture).square().mean(-1)
             self.residuals.measure(index, len(views), squared, shown)

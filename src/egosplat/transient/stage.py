@@ -26,7 +26,7 @@ from egosplat.models.checkpoints import content_hash
 from egosplat.progress import NOTICE, log, track
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective
-from egosplat.transient.options import TransientOptions
+from egosplat.transient.options import TEMPORARY, TransientOptions
 
 
 def run(
@@ -61,8 +61,8 @@ def run(
     log(f"{len(views)} training views of {views.camera.width} x {views.camera.height} pixels")
     objective = InitialObjective(net, options, views.device)
     # Temporary Gaussians need no intermediate evaluations.
-    others = {"evaluate_every": options.iterations, "cuts_schedule": options.schedule == "cut"}
-    gaussian_options = TrainingOptions.of(options, **others)
+    keys = {"evaluate_every": options.iterations} | TEMPORARY[options.recipe]
+    gaussian_options = TrainingOptions.of(options, options.recipe, **keys)
     state = begin(poses, views, gaussian_options, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
     # Sums over several threads on a CPU would differ from run to run.
@@ -134,7 +134,7 @@ def _put_probability(
 ) -> float:
     """Predict every frame and store the probabilities; returns the mean over frames of what their own masks leave."""
     # In mode train, prediction changes the running statistics; they are stored already.
-    net.train(options.batch_norm == "train")
+    net.train(options.recipe == "own")
     count, height, width, _ = frames.shape("rgb")
     artifact.allocate("probability", (count, height, width))
     total = 0.0

@@ -19,6 +19,7 @@ from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query import grades
 from egosplat.query.finished_scene import Scene, scene_of
+from egosplat.query.text import PARTS, SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
 from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, MAX_ALPHA, Arguments
 from egosplat.viewing.gaussians import (
@@ -31,7 +32,7 @@ from egosplat.viewing.gaussians import (
 )
 from egosplat.viewing.html import Arrays, Facts, pack, record_of, scene_html
 from egosplat.viewing.options import ScenePageOptions
-from egosplat.viewing.words import carried_facts, pack_words
+from egosplat.viewing.words import carried_facts, pack_sizes, pack_words
 
 SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, HISTORIES)
 
@@ -84,6 +85,7 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
         pack_gaussians(every, trained.sh_degree),
         pack_visibility(surface.shares[:, kept], surface.frame),
         pack_words(scene),
+        pack_sizes(scene.asked.sizes, options.size_weight),
         pack_frames(scene.artifact("frames"), scene.poses, scene.seconds),
         pack_carries(scene.histories),
         ({}, of_rests),
@@ -98,11 +100,11 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
     grading = scene.grading(options)
     raster = {"margin": FRUSTUM_MARGIN, "blur": Arguments.__dataclass_fields__["eps2d"].default}
-    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
+    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score", "name_weight")
     limits = {"calibration": grading.calibration and asdict(grading.calibration), "notice": grading.notice}
     limits |= {"found": grades.LEAST_FOUND, "guess": grades.LEAST_GUESS, "nearest": NEAREST, "reach": REACH}
     limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "apart": APART, "fits": grades.LEAST_FIT}
-    limits |= {"synonym": grades.SYNONYM, "parts": grades.PARTS}
+    limits |= {"synonym": SYNONYM, "parts": PARTS}
     return {
         "origin": joint_origin(scene.given),
         "recording": scene.artifact("frames").facts["recording"],

@@ -16,6 +16,7 @@ from egosplat.query.grades import NOT_ASKED
 from egosplat.query.like import Looks, give_name, judge, read_names
 from egosplat.query.options import MOST
 from egosplat.query.reading import PATTERNS
+from egosplat.query.sizes import Sizes, read_sizes
 from egosplat.query.text import CARRIED, WORDS, clean_phrase, encode_phrases, words_to_try
 from egosplat.viewing.html import Arrays, Facts
 
@@ -48,6 +49,16 @@ def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
         "tower": tower,
         "reading": PATTERNS | {"plurals": WORDS["plurals"]},
         "catalog": [answer_facts(one, scene.levels) | {"also": one.also} for one in catalog(scene)],
+    }
+
+
+def pack_sizes(sizes: Sizes | None, weight: float) -> tuple[Arrays, Facts]:
+    """Pack ``size_odds`` (W, 1 + I) float32, what each instance's size, none's first, adds to log-odds of the fact ``size_words``."""
+    if sizes is None or not weight:
+        return {}, {"size_words": []}
+    words = read_sizes()[0]
+    return {"size_odds": np.roll(sizes.told(words, weight), 1, axis=1).astype(np.float32)}, {
+        "size_words": words
     }
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from itertools import chain, product
 from string import ascii_lowercase
 
-from egosplat.evaluation.intervals import RESAMPLING, clustered_interval, mean_of_scenes
+from egosplat.evaluation.intervals import clustered_interval, mean_of_scenes
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import (
     APARTMENTS,
@@ -234,7 +234,7 @@ def average(scenes: Mapping[str, ScoredScene], score: str, group: str) -> Cell:
     values = list(scored.values())
     return Cell(
         percent=100 * mean_of_scenes(values),
-        interval=percent_bounds(clustered_interval(values, RESAMPLING)),
+        interval=percent_bounds(clustered_interval(values)),
         queries=int(sum(scene.counts.sum() for scene in values)),
         categories=sum(len(scene.counts) for scene in values),
         scenes=tuple(scored),

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from egosplat.alarms.artifact_alarms import found_text
 from egosplat.alarms.table import TABLE, Alarm
-from egosplat.evaluation.intervals import RESAMPLING
+from egosplat.evaluation.intervals import CONFIDENCE
 from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.report.html_page import read_picture, render_page
@@ -78,7 +78,7 @@ def _intro(measured_on: str) -> Iterator[str]:
     )
     if measured_on:
         yield (
-            f"Below a measured number is its {100 * RESAMPLING.confidence:g} % interval; the last rows of a block are the chance level."
+            f"Below a measured number is its {100 * CONFIDENCE:g} % interval; the last rows of a block are the chance level."
         )
     yield "The cost of a measured row is what a scene takes from its frames to its codes, with all that its variants share."
 

@@ -59,10 +59,8 @@ CASES = {
         ("poses", "intrinsics", pinhole(*case)) for case in [(0.0,), (-1.0,), (NAN,), (INF,), (5.0, 0.1)]
     ],
     "poses with infinity or one NaN, scaled by 1.001, mirrored; an up direction of length 2": [
-        ("poses", "camera_to_world", poses(t=INF)),
-        ("poses", "camera_to_world", poses(t=NAN)),
-        ("poses", "camera_to_world", poses(1.001)),
-        ("poses", "camera_to_world", poses(r=-1.0)),
+        *(("poses", "camera_to_world", poses(t=number)) for number in (INF, NAN)),
+        *(("poses", "camera_to_world", poses(r=number)) for number in (1.001, -1.0)),
         ("splats", "corrections/camera_to_world", poses(t=INF)),
         ("poses", "up", np.array([0.0, 2.0, 0.0])),
     ],

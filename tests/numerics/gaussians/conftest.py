@@ -23,7 +23,6 @@ KEYS = (
         "masking": "none",
         "iterations": 40,
         "max_points": 60,
-        "densify_init": False,
         "max_gaussians": 80,
         "evaluate_every": 20,
         "sh_degree": 1,

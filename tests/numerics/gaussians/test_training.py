@@ -126,7 +126,7 @@ def test_broken_gaussians(scene, run, monkeypatch):
     loss = run(scene()).read("curve/loss")
     assert np.isfinite(loss[1:]).all() and loss[-1] < loss[1]
     # Too short a run for density control to find them.
-    assert run(scene(), iterations=2).shape("means")[0] <= 40 - 10
+    assert run(scene(), iterations=2).shape("means")[0] <= 60 - 10
 
 
 @pytest.mark.numerics("no Gaussian is finite", outside="UserError; no artifact")
@@ -198,9 +198,7 @@ def test_too_far_from_the_origin(scene, run, left, far):
 def test_units(scene, run, measured):
     losses = []
     for unit in (1.0, 1e-6, 1e-3, 1e3, 1e6):
-        made = run(
-            scene(**in_unit(unit)), near_plane=0.1 * unit, densify_init=True, refine_poses="on", iterations=20
-        )
+        made = run(scene(**in_unit(unit)), near_plane=0.1 * unit, refine_poses="on", iterations=20)
         losses.append(made.read("curve/loss")[-1])
         assert made.facts["extent_m"] == pytest.approx(unit)
         measured(abs(losses[-1] - losses[0]) / losses[0])

@@ -3,18 +3,16 @@
 import numpy as np
 import pytest
 
-from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
-from tests.unit.instances.conftest import lifted, options
+from egosplat.instances.things import beliefs, find_things
+from tests.unit.instances.conftest import lifted
 
 LEFT, RIGHT = [0, 1, 2, 3], [4, 5, 6]
 ALL = [*LEFT, *RIGHT]
 
 
-def merged(masks, *, cut=False, **changes):
+def merged(masks):
     """Thing of each mask, and (N, K) beliefs of the things."""
-    keys = options(**changes)
-    run = cut_tracks(masks, keys) if cut else single_masks(masks)
-    thing, counts = find_things(masks, run, masks.weight, keys)
+    thing, counts = find_things(masks, masks.weight)
     assert counts["things"] == len(set(thing[thing >= 0].tolist()))
     return thing.tolist(), beliefs(masks, thing).toarray()
 
@@ -22,16 +20,15 @@ def merged(masks, *, cut=False, **changes):
 @pytest.mark.numerics(
     "a frame that sees no Gaussian, alone and among others", outside="its masks belong to no instance"
 )
-@pytest.mark.parametrize("cut", [False, True])
-def test_nothing_seen(cut):
+def test_nothing_seen():
     masks = lifted([LEFT, LEFT, LEFT, RIGHT], [0, 1, 2, 2], [ALL] * 3, instance=[0, 0, 0, 1])
     masks.seen.data[masks.seen.indptr[1] : masks.seen.indptr[2]] = 0.0
     masks.votes.data[masks.votes.indptr[1] : masks.votes.indptr[2]] = 0.0
-    thing, held = merged(masks, cut=cut)
+    thing, held = merged(masks)
     assert [thing[0], thing[1], thing[3]] == [thing[2], -1, 1 - thing[2]] and np.isfinite(held).all()
     masks.seen.data[:] = 0.0
     masks.votes.data[:] = 0.0
-    thing, held = merged(masks, cut=cut)
+    thing, held = merged(masks)
     assert thing == [-1] * 4 and not held.any()
 
 
@@ -67,10 +64,9 @@ def test_weights_that_vanish():
     within=0.0,
     outside="each mask is an instance, a third as sure as one of three frames",
 )
-@pytest.mark.parametrize("cut", [False, True])
 @pytest.mark.parametrize("held", [[LEFT], [LEFT[:2], LEFT[2:], RIGHT]])
-def test_one_frame(measured, held, cut):
-    thing, shares = merged(lifted(held, [0] * len(held), [ALL]), cut=cut)
+def test_one_frame(measured, held):
+    thing, shares = merged(lifted(held, [0] * len(held), [ALL]))
     assert thing == list(range(len(held)))
     measured(np.abs(3 * shares - [[gaussian in mask for mask in held] for gaussian in ALL]).max())
 
@@ -79,18 +75,18 @@ def test_one_frame(measured, held, cut):
     "a mask of every Gaussian, in one of four frames with two masks each, and in all",
     outside="in one frame: dropped; in all: the one instance",
 )
-def test_a_mask_of_everything():
-    masks = lifted([LEFT, RIGHT, LEFT, RIGHT, ALL, LEFT, RIGHT], [0, 0, 1, 1, 2, 3, 3], [ALL] * 4)
-    thing, held = merged(masks, merge_iou=0.6)
-    assert thing == [0, 1, 0, 1, -1, 0, 1] and held.max() == 1.0
+def test_a_mask_of_everything(monkeypatch):
     assert merged(lifted([ALL] * 5, list(range(5)), [ALL] * 5))[0] == [0] * 5
+    masks = lifted([LEFT, RIGHT, LEFT, RIGHT, ALL, LEFT, RIGHT], [0, 0, 1, 1, 2, 3, 3], [ALL] * 4)
+    monkeypatch.setattr("egosplat.instances.merging.MERGE_IOU", 0.6)
+    thing, held = merged(masks)
+    assert thing == [0, 1, 0, 1, -1, 0, 1] and held.max() == 1.0
 
 
 @pytest.mark.numerics("200 identical masks, each of a frame of its own", within=1e-6, outside="one instance")
-@pytest.mark.parametrize("cut", [False, True])
-def test_identical_masks(measured, cut):
+def test_identical_masks(measured):
     masks = lifted([LEFT] * 200, list(range(200)), [ALL] * 200, instance=[0] * 200)
-    thing, held = merged(masks, cut=cut)
+    thing, held = merged(masks)
     assert thing == [0] * 200
     measured(np.abs(held[:, 0] - [1, 1, 1, 1, 0, 0, 0]).max())
 

@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from egosplat.language.decoder import Decoder
+from egosplat.query import relevancy as module
 from egosplat.query.options import LANGSPLAT, QueryOptions
-from egosplat.query.relevancy import relevancy, relevancy_maps
+from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
 
 WIDTH = 512
@@ -21,6 +22,10 @@ def directions(seed: int, count: int) -> torch.Tensor:
     """(count, 512) float32 of unit norm."""
     rows = np.random.default_rng(seed).normal(size=(count, WIDTH))
     return torch.from_numpy(rows / np.linalg.norm(rows, axis=1, keepdims=True)).float()
+
+
+def relevancy(features, queries, canonical, temperature: float, names=None) -> torch.Tensor:
+    return module.relevancy(features, Texts(("",) * len(queries), queries, canonical, names), temperature)
 
 
 def papers(features, queries, canonical, temperature: float) -> torch.Tensor:

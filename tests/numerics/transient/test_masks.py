@@ -12,7 +12,6 @@ from egosplat.moving_regions import InstanceScores
 from egosplat.transient.masks_stage import refined_mask, transient_instances
 
 SIZE = 12
-LEVEL = np.zeros(2, np.int8)
 
 
 def scored(*frames: tuple[np.ndarray, np.ndarray]) -> InstanceScores:
@@ -53,10 +52,10 @@ def test_thresholds_at_their_ends():
     probability = np.ones((SIZE, SIZE), np.float16)
     probability[0, 0] = 1 - 2**-11
     found = scored((halves(), probability))
-    chosen = [transient_instances(found.scores, found.pixels, LEVEL, t, {0}).tolist() for t in (0.0, 1.0)]
+    chosen = [transient_instances(found.scores, found.pixels, t).tolist() for t in (0.0, 1.0)]
     assert chosen == [[True, True], [False, True]]
     nothing = InstanceScores(2)
-    assert not transient_instances(nothing.scores, nothing.pixels, LEVEL, 0.0, {0}).any()
+    assert not transient_instances(nothing.scores, nothing.pixels, 0.0).any()
 
 
 @pytest.mark.numerics(

@@ -52,7 +52,7 @@ def test_rays_project_back_to_their_pixels():
 
 
 def test_pinhole_rays_are_upright_and_end_at_the_lens_circle():
-    camera = pinhole(64, 460)
+    camera = pinhole(64)
     lens = pinhole_lens(camera)
     rows, columns = np.nonzero(lens.valid)
     pixels = camera.project(lens.directions.astype(np.float64))

@@ -11,6 +11,7 @@ import trimesh
 from egosplat.calibration.files import known_pose_files
 from egosplat.calibration.known_poses import check_numbers, find_known_poses, match_pictures, read_known_poses
 from egosplat.calibration.lens import Lens
+from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
 from tests.unit.calibration.conftest import HEIGHT, NAMES, WIDTH
 
@@ -62,6 +63,28 @@ def test_points_of_a_transforms_file(pictures, transforms, binary):
         read_known_poses(pictures, "transforms", *SIZE)
 
 
+POINTS = "ply\nformat ascii 1.0\ncomment K\u00fcche, end_header\nelement vertex 1\n{}end_header\n1 2 3 {}\n"
+RGB = ("red", "green", "blue")
+
+
+@pytest.mark.parametrize("names", [RGB, [f"diffuse_{name}" for name in RGB], "rgb", "RGB"])
+@pytest.mark.parametrize("kind", ["uchar", "float", "double", "ushort", "int"])
+def test_points_of_other_programs_have_colors_or_are_named(tmp_path, capsys, kind, names):
+    row = {"float": "1 0.04 0", "ushort": "65535 2570 0", "int": "65535 2570 0"}.get(kind, "255 10 0")
+    types = dict.fromkeys("xyz", "float") | dict.fromkeys(names, kind)
+    head = "".join(f"property {kind} {name}\n" for name, kind in types.items())
+    text, path = POINTS.format(head, row), tmp_path / "p.ply"
+    path.write_text(text, encoding="utf-8")
+    assert read_points(path)[1].tolist() == [[255, 10, 0]] and not capsys.readouterr().err
+    path.write_text(text.replace(f" {names[2]}\n", " gray\n"), encoding="utf-8")
+    assert read_points(path)[1].tolist() == [[128] * 3] and "and are gray" in capsys.readouterr().err
+    beyond = [text.replace("255", "256"), text.replace("255", "-1")] if kind == "uchar" else []
+    for wrong in (*beyond, text.replace("vertex 1", "vertex -1"), text.replace(row, "x 10 0")):
+        path.write_text(wrong, encoding="utf-8")
+        with pytest.raises(UserError, match="p.ply: not a readable"):
+            read_points(path)
+
+
 def test_the_format_is_found_or_named(pictures, colmap_folder, transforms):
     assert find_known_poses(pictures, "auto") == "colmap"
     with pytest.raises(UserError, match=r"transforms.json: not found, but frames.known_poses"):
@@ -85,6 +108,9 @@ def test_a_cut_binary_file_is_named(pictures, colmap_folder, name, keep):
     file = colmap_folder / f"{name}.bin"
     file.write_bytes(file.read_bytes()[:keep])
     with pytest.raises(UserError, match=f"{name}.bin: damaged or incomplete"):
+        read_known_poses(pictures, "colmap", *SIZE)
+    file.unlink()
+    with pytest.raises(UserError, match=f"colmap: has no {name}.bin. A COLMAP model has"):
         read_known_poses(pictures, "colmap", *SIZE)
 
 
@@ -111,13 +137,7 @@ def test_a_bad_text_model_is_named(pictures, text_folder, name, old, new, proble
     assert "/tmp/egosplat-model" not in str(caught.value)
 
 
-def test_a_folder_without_a_model_is_named(pictures, colmap_folder):
-    (colmap_folder / "images.bin").unlink()
-    with pytest.raises(UserError, match="colmap: has no images.bin. A COLMAP model has"):
-        read_known_poses(pictures, "colmap", *SIZE)
-
-
-NAN, POSE = float("nan"), np.eye(4).tolist()
+NAN, POSE, ANGLE = float("nan"), np.eye(4).tolist(), {"fl_x": None, "fl_y": None}
 
 
 def frame(*rows: list[float], **changes: object) -> list[dict[str, object]]:
@@ -127,8 +147,8 @@ def frame(*rows: list[float], **changes: object) -> list[dict[str, object]]:
 @pytest.mark.parametrize(
     "changes, problem",
     [
-        ({"frames": {}}, "frames"),
-        ({"frames": []}, "frames"),
+        *((text, "") for text in ("", "{", "[1]", "[" * 5000)),
+        *(({"frames": frames}, "frames") for frames in ({}, [])),
         ({"frames": frame(file_path=None)}, r"frames\[0\], None: file_path"),
         ({"frames": frame([1, 0], [0, 1])}, "images/1.png: transform_matrix"),
         ({"frames": frame(*np.diag([2.0, 2, 2, 1]).tolist())}, "images/1.png: the pose is not a rotation"),
@@ -137,46 +157,41 @@ def frame(*rows: list[float], **changes: object) -> list[dict[str, object]]:
         ({"frames": frame(fl_x=70.0)}, "images/1.png: fl_x differs from that of the whole file"),
         ({"frames": frame(transform_matrix_end=POSE)}, "images/1.png: transform_matrix_end is not"),
         ({"frames": frame(mask_path=3)}, "images/1.png: mask_path"),
-        ({"latlong": True}, "latlong is not supported"),
-        ({"ftheta_p0": 1.0}, "ftheta_p0 is not supported"),
-        ({"k5": 0.1}, "k5 is not supported"),
+        *(
+            ({key: 0.1}, f"{key} is not supported")
+            for key in ("latlong", "ftheta_p0", "k5", "fisheye_crop_radius")
+        ),
         ({"applied_transform": np.zeros((4, 4)).tolist()}, "applied_transform is not a rotation"),
         ({"k1": 0.1, "distortion_params": [0.2, 0, 0, 0, 0, 0]}, "distortion_params differs"),
         ({"camera_model": "FISHEYE624"}, "camera_model: .*OPENCV_FISHEYE"),
         ({"camera_model": "OPENCV_FISHEYE", "p1": 0.1}, "OPENCV_FISHEYE has k1 to k4"),
         ({"k1": 0.0, "distortion_params": [0.1, 0, 0, 0]}, "distortion_params: .*6 items"),
         ({"distortion_params": [NAN] * 6}, "distortion_params.0: .*finite"),
-        ({"fisheye_crop_radius": 9.0}, "fisheye_crop_radius is not supported"),
-        ({"fl_x": None, "fl_y": None}, "has neither fl_x nor camera_angle_x"),
-        ({"fl_x": "wide"}, "fl_x: .*number"),
-        ({"fl_x": "60"}, "fl_x: .*number"),
+        (ANGLE, "has neither fl_x nor camera_angle_x"),
+        *(({"fl_x": text}, f"fl_x: .*number, not the text '{text}'") for text in ("wide", "60")),
         ({"fl_x": 10**400}, "fl_x: .*number"),
         ({"k1": NAN}, "images/1.png: k1: .*finite"),
         ({"k4": 0.1}, "OPENCV has k1 to k3"),
         ({"w": 64.5}, "w: "),
         ({"h": 1e300}, "h: "),
         ({"frames": frame([1, 0, 0, 1e300], [0, 1, 0, 0], [0, 0, 1, 0])}, "1e.300 from the origin"),
-        ({"fl_x": -60.0}, "fx, fy must be positive"),
-        ({"cx": 100.0}, r"\(cx, cy\) inside"),
+        *((camera, "in pixels") for camera in ({"fl_x": -60.0}, {"fl_y": 600.0}, ANGLE | {"x_fov": 1e-9})),
+        ({"k1": 1e6}, "magnifies"),
+        (ANGLE | {"camera_angle_x": 60.0}, "camera_angle_x is 60, .*radians"),
+        (ANGLE | {"x_fov": 200.0}, "x_fov is 200, .*degrees"),
+        *(({"cx": cx}, r"\(cx, cy\) inside") for cx in (100.0, 0.5)),
         ({"applied_scale": 0}, "applied_scale"),
         ({"ply_file_path": "nowhere.ply"}, "nowhere.ply: not a readable PLY"),
-        ({"ply_file_path": 3}, "ply_file_path"),
-        ({"ply_file_path": []}, "ply_file_path"),
+        *(({"ply_file_path": path}, "ply_file_path") for path in (3, [])),
     ],
 )
 def test_a_bad_transforms_file_is_named(pictures, transforms, changes, problem):
-    transforms(**changes)
-    assert pictures / "transforms.json" in known_pose_files(pictures, "auto")
+    path = transforms(**(changes if isinstance(changes, dict) else {}))
+    path.write_text(changes) if isinstance(changes, str) else None
+    assert path in known_pose_files(pictures, "auto")
     with pytest.raises(UserError, match=f"transforms.json: .*{problem}|nowhere.ply: not a") as caught:
         read_known_poses(pictures, "transforms", *SIZE)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("text", ["", "{", "[1]", "[" * 5000])
-def test_a_transforms_file_that_is_no_object_is_named(pictures, text):
-    (pictures / "transforms.json").write_text(text)
-    with pytest.raises(UserError, match="transforms.json: "):
-        read_known_poses(pictures, "transforms", *SIZE)
 
 
 def test_a_pose_written_with_few_digits_is_made_rigid(pictures, transforms):
@@ -202,6 +217,7 @@ MATCHES = {
     "a folder above": (["images/x/1.png", "/home/me/images/y/1.png"], ["x/1.png", "y/1.png"], [0, 1]),
     "a folder that the file leaves out": (["1.png", "2.png"], ["x/1.png", "y/2.png"], [0, 1]),
     "another folder": (["x/1.png", "y/2.png"], ["x/1.png", "x/2.png"], [0, -1]),
+    "letters in parts": (["x/ku\u0308che.png", "a.png"], ["x/k\u00fcche.png", "y/a.png"], [0, 1]),
     "numbers of a video": (["00012.png", "3"], ["3", "12", "21"], [1, 0, -1]),
     "numbers of pictures are names": (["1.png", "000002.png"], ["1.png", "2.png"], [0, -1]),
 }

@@ -79,7 +79,9 @@ def test_labels_and_masks_follow_the_picture(lens):
     [
         (Lens("EUCM", 96, 72, (*PINHOLE, 0.5, 1.0)), "camera model EUCM is not supported"),
         (Lens("RADIAL", 96, 72, (80.0, 47.0, 37.0, float("nan"), 0.0)), "finite"),
-        (Lens("RADIAL", 96, 72, (0.0, 47.0, 37.0, 0.0, 0.0)), "fx, fy must be positive"),
+        *((Lens("RADIAL", 96, 72, (f, 47.0, 37.0, 0.0, 0.0)), "in pixels") for f in (0.0, 9.5, 2881.0)),
+        (Lens("PINHOLE", 96, 72, (30.0, 91.0, 47.0, 37.0)), "at most 3 times"),
+        (Lens("RADIAL", 96, 72, (80.0, 47.0, 37.0, 200.0, 0.0)), "magnifies"),
         (Lens("RADIAL", 96, 72, (80.0, 97.0, 37.0, 0.0, 0.0)), r"\(cx, cy\) inside"),
     ],
 )

@@ -28,7 +28,7 @@ def test_a_word_wins_over_the_values_of_the_rule():
     found = splats("iterations=500", "run.seed=3", "camera.refine_poses=off", iterations=7, sh_degree=1)
     assert (found.iterations, found.seed, found.refine_poses, found.sh_degree) == (500, 3, "off", 1)
     assert splats() == SplatsOptions()
-    given = SplatsOptions(prune_screen_px=20.0, masking="none").as_dict()
+    given = SplatsOptions(max_points=20, masking="none").as_dict()
     assert splats(**json.loads(json.dumps(given, sort_keys=True))).as_dict() == given
 
 
@@ -39,7 +39,7 @@ def test_a_word_wins_over_the_values_of_the_rule():
         ({}, ["iterations=big"], "--set.*splats.iterations = 'big'.*whole number"),
         ({}, ["seed=-1"], "--set.*run.seed = -1.*at least 0"),
         ({}, ["masking=nones"], "--set.*splats.masking = 'nones'.*'none'"),
-        ({}, ["ssim_lambda=.nan"], "--set.*splats.ssim_lambda = nan"),
+        ({}, ["run.near_plane=.nan"], "--set.*run.near_plane = nan"),
         ({}, ["iterations"], "--set.*iterations"),
         ({}, ["iterations=["], "--set.*cannot be read"),
         ([1], [], "--options"),

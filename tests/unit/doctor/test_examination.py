@@ -68,6 +68,7 @@ def row(dataset: str, format: str, recording: str, options: str = "") -> dict[st
 
 CUDA, ENCODER = "run={device: cuda, backend: cuda}", "transient.encoder_weights=encoder.pt"
 MISSING, NOTE, OK = Mark.MISSING, Mark.NOTE, Mark.OK
+ABSENT = ("nowhere.mp4", "/nowhere/photos", "~/nowhere")
 DATA = "data_root.mine=data"
 
 
@@ -91,9 +92,7 @@ DATA = "data_root.mine=data"
         ({"data/b.mp4": ""}, DATA, "mine recordings", MISSING, r"1 of 2.*: a \(data/a.mp4\)"),
         ({"data/a.mp4": "", "data/b.mp4": ""}, DATA, "mine recordings", OK, "2 of 2 below data"),
         # A missing one is an error for rows of the user, not for those of the shipped table before a root is set.
-        (row("mine", "plain", "nowhere.mp4"), "", "mine recordings", MISSING, ""),
-        (row("mine", "plain", "/nowhere/photos"), "", "mine recordings", MISSING, ""),
-        (row("mine", "plain", "~/nowhere"), "", "mine recordings", MISSING, ""),
+        *((row("mine", "plain", path), "", "mine recordings", MISSING, "") for path in ABSENT),
         (row("mine", "plain", "~/a.mp4"), "", "mine recordings", OK, ""),
         (row("mine", "plain", "a.mp4"), "data_root.mine=~/", "mine recordings", OK, ""),
         (row("other", "adt", "seq1"), "", "other recordings", MISSING, ""),

@@ -76,7 +76,7 @@ def test_what_others_cover_is_scored_whole(masks):
         [box] = bounding_boxes(layers, [index]).tolist()
         assert box == [columns.min(), rows.min(), columns.max(), rows.max()]
         assert (mask_of(layers, [index]) == mask).all()
-        score = score_query(query, (columns[0], rows[0]), mask, layers, np.ones(SIZE, bool), "mask")["all"]
+        score = score_query(query, (columns[0], rows[0]), mask, layers, np.ones(SIZE, bool))["all"]
         assert score.hit and score.iou == 1.0
         # The first layer alone has the sign, and parts of the box and the wall.
         assert (mask_of(layers[0], [index]) == mask).all() == (index == 1)

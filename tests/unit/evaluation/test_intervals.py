@@ -6,15 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.intervals.differences import paired_difference
-from egosplat.evaluation.intervals import (
-    Clusters,
-    IntervalOptions,
-    cluster,
-    clustered_interval,
-    mean_of_scenes,
-)
+from egosplat.evaluation.intervals import Clusters, cluster, clustered_interval, mean_of_scenes
 
-OPTIONS = IntervalOptions(confidence=0.95, resamples=2000, seed=0)
+RESAMPLES = 2000
 
 
 def hits_of(rng: np.random.Generator, share: float, categories: int = 22, frames: int = 4) -> Clusters:
@@ -23,7 +17,7 @@ def hits_of(rng: np.random.Generator, share: float, categories: int = 22, frames
 
 
 def covered(scenes, truth: float) -> bool:
-    interval = clustered_interval(scenes, IntervalOptions(confidence=0.95, resamples=500, seed=0))
+    interval = clustered_interval(scenes, 500)
     return interval.low <= truth <= interval.high
 
 
@@ -40,16 +34,16 @@ def test_means_are_covered_as_often_as_said(scenes, spread):
 
 
 def test_two_categories_leave_the_doubt_of_two_numbers():
-    found = clustered_interval([Clusters(np.array([0.48, 0.52]), np.ones(2))], OPTIONS)
+    found = clustered_interval([Clusters(np.array([0.48, 0.52]), np.ones(2))], RESAMPLES)
     half = 12.706 * 0.04 / 2
     assert (found.low, found.high) == pytest.approx((0.5 - half, 0.5 + half), rel=0.03)
-    far = clustered_interval([Clusters(np.array([0.0, 4.0]), np.full(2, 4.0))], OPTIONS)
+    far = clustered_interval([Clusters(np.array([0.0, 4.0]), np.full(2, 4.0))], RESAMPLES)
     assert (far.low, far.high) == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("hit", [0.0, 1.0])
 def test_all_hit_or_all_missed_leaves_the_doubt_of_so_many_categories(hit):
-    found = clustered_interval([Clusters(np.full(22, 4 * hit), np.full(22, 4.0))], OPTIONS)
+    found = clustered_interval([Clusters(np.full(22, 4 * hit), np.full(22, 4.0))], RESAMPLES)
     doubt = 1.959964**2 / (22 + 1.959964**2)
     assert (found.low, found.high) == pytest.approx((1 - doubt, 1.0) if hit else (0.0, doubt), abs=1e-6)
 
@@ -57,9 +51,9 @@ def test_all_hit_or_all_missed_leaves_the_doubt_of_so_many_categories(hit):
 def test_scenes_without_queries_are_ignored_and_a_single_category_has_no_interval():
     scene, empty = Clusters(np.array([1.0, 0.0]), np.array([1.0, 3.0])), cluster([], [])
     assert mean_of_scenes([scene, empty]) == 0.25 and np.isnan(mean_of_scenes([empty]))
-    assert clustered_interval([scene, empty], OPTIONS) == clustered_interval([scene], OPTIONS)
+    assert clustered_interval([scene, empty], RESAMPLES) == clustered_interval([scene], RESAMPLES)
     for scenes in ([Clusters(np.ones(1), np.full(1, 5.0))], [empty], []):
-        assert clustered_interval(scenes, OPTIONS) is None
+        assert clustered_interval(scenes, RESAMPLES) is None
 
 
 def p_by_hand(scenes: list[Clusters], supposed: float) -> float:
@@ -79,7 +73,7 @@ def test_an_interval_has_the_differences_that_flips_of_signs_do_not_reject(ties)
         scenes = [Clusters(own * mean, own) for own, mean in zip(sizes, means, strict=True)]
         if np.ptp(np.concatenate([each.totals / each.counts for each in scenes])) == 0:
             continue
-        found = paired_difference(scenes, OPTIONS)
+        found = paired_difference(scenes, RESAMPLES)
         assert (found.p, found.mean) == pytest.approx((p_by_hand(scenes, 0.0), mean_of_scenes(scenes)))
         for supposed in (0.0, *rng.uniform(-1, 1, 5), found.interval.low + 1e-6, found.interval.high - 1e-6):
             inside = found.interval.low <= supposed <= found.interval.high
@@ -101,9 +95,9 @@ def test_an_interval_has_the_differences_that_flips_of_signs_do_not_reject(ties)
 def test_equal_differences_leave_the_doubt_of_so_many_categories(categories, difference, p, low):
     """Five categories or fewer reject nothing; without spread, no more is known than of scores without it."""
     alike = Clusters(np.full(categories, 4 * difference), np.full(categories, 4.0))
-    found = paired_difference([alike, cluster([], [])], OPTIONS)
+    found = paired_difference([alike, cluster([], [])], RESAMPLES)
     assert (found.p, found.interval.low) == pytest.approx((p, low), abs=1e-6) and found.over_scenes is None
-    opposite = paired_difference([Clusters(-alike.totals, alike.counts)], OPTIONS)
+    opposite = paired_difference([Clusters(-alike.totals, alike.counts)], RESAMPLES)
     assert (opposite.p, opposite.interval.high) == (found.p, -found.interval.low)
 
 
@@ -111,7 +105,7 @@ def test_clustered_differences_of_nothing_are_rejected_as_rarely_as_said():
     rng, found = np.random.default_rng(9), []
     for _ in range(300):
         scenes = [Clusters(4.0 * rng.choice([-1, 0, 0, 1], 22), np.full(22, 4.0)) for _ in range(2)]
-        found.append(paired_difference(scenes, OPTIONS))
+        found.append(paired_difference(scenes, RESAMPLES))
     assert 0.02 <= np.mean([each.p < 0.05 for each in found]) <= 0.075
     assert all((each.p >= 0.05) == (each.interval.low <= 0 <= each.interval.high) for each in found)
     # The same on every processor: a share of 2,000 flips, and means of categories.
@@ -122,7 +116,7 @@ def test_scenes_that_differ_have_students_interval_beside():
     means, spread = np.array([0.1, 0.3, 0.5, 0.2, 0.4]), np.tile([0.4, -0.4], 4)
     scenes = [Clusters(4 * mean + spread, np.full(8, 4.0)) for mean in means]
     half = 2.776445 * np.std(means, ddof=1) / np.sqrt(5)
-    found = paired_difference(scenes, OPTIONS)
+    found = paired_difference(scenes, RESAMPLES)
     assert found.over_scenes == pytest.approx((0.3 - half, 0.3 + half), abs=1e-6)
     assert found.over_scenes.low < found.interval.low < found.interval.high < found.over_scenes.high
-    assert paired_difference(scenes[:1] * 5, OPTIONS).over_scenes is None
+    assert paired_difference(scenes[:1] * 5, RESAMPLES).over_scenes is None

@@ -71,7 +71,7 @@ def test_hit_and_iou_are_the_reference_s(seed):
         read = read_maps(maps, everything, OPTIONS)
         _, _, pixel = localize(read.smooth, read.shown)
         _, mask = segment(read, OPTIONS.segmentation_threshold, OPTIONS.majority_px(WIDTH))
-        given = Query(0, 0, name, groups), pixel, mask, layers, everything, OPTIONS.hit_region
+        given = Query(0, 0, name, groups), pixel, mask, layers, everything
         score = score_query(*given)["all"]
         hit, iou = reference(maps, name)
         assert score.hit == hit and score.iou == pytest.approx(iou, abs=2e-3)

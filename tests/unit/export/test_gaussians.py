@@ -72,6 +72,8 @@ def test_a_gaussian_beyond_the_range_is_left_out_and_the_header_tells_no_antiali
     assert len(read_spz(tmp_path / "x.spz").means) == 199
     header = struct.unpack("<4sIIBBBB", gzip.decompress((tmp_path / "x.spz").read_bytes())[:16])
     assert header[:4] == (b"NGSP", 3, 199, 1) and header[5] == 0
+    with pytest.raises(UserError, match="too far away"):
+        write_spz(tmp_path / "x.spz", gaussians.select(torch.tensor([7])), 1)
 
 
 def read(path) -> np.ndarray:

@@ -7,8 +7,9 @@ import torch
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.features import stage
+from egosplat.features.aggregation import aggregate
 from egosplat.features.autoencoder import fit_autoencoder
-from egosplat.features.supervision import agreement
+from egosplat.features.supervision import agreement, supervise
 from egosplat.language.decoder import decode, read_decoder
 from egosplat.language.vectors import unit
 from egosplat.pipeline.config import defaults
@@ -41,9 +42,8 @@ def run(tmp_path, feature):
     return call
 
 
-@pytest.mark.parametrize("mad_norm", ["element", "euclidean", "cosine"])
-def test_an_outlier_view_is_left_out(run, feature, mad_norm):
-    features = run(mad_norm=mad_norm)
+def test_an_outlier_view_is_left_out(run, feature):
+    features = run()
     assert features.read("views").tolist() == [7, 0, 2, 1]
     assert features.read("inlier").tolist()[6:] == [False, True, True, True]
     consistent = features.read("consistent")
@@ -53,12 +53,12 @@ def test_an_outlier_view_is_left_out(run, feature, mad_norm):
 
 
 def test_supervision_is_the_average_of_unit_norm_the_view_or_the_consistent_feature(run, feature):
-    features = run(mismatched_views="average")
+    features = run(set="published")
     consistent, supervision = features.read("consistent"), features.read("supervision")
     np.testing.assert_allclose(np.linalg.norm(supervision, axis=1), 1.0, rtol=1e-6)
     np.testing.assert_allclose(supervision[8], unit(feature[8] + consistent[2]), atol=1e-6)
     np.testing.assert_allclose(supervision[6], consistent[0], atol=1e-6)  # an outlier
-    kept_half = run(mismatched_views="average", outlier_target="average").read("supervision")
+    kept_half = run(set="published", supervision="average").read("supervision")
     np.testing.assert_allclose(kept_half[6], unit(feature[6] + consistent[0]), atol=1e-6)
     np.testing.assert_allclose(run(supervision="view").read("supervision"), feature, atol=1e-6)
     alone = run(supervision="consistent").read("supervision")
@@ -78,13 +78,12 @@ def test_a_mismatched_view_keeps_its_own_feature(run, feature):
     np.testing.assert_allclose(supervision[kept], mixed[kept], atol=1e-6)
 
 
-def test_the_paper_s_reference_value(run):
+def test_the_paper_s_reference_value():
     """Values 0, 1, 2, 3, 10: the consistent one is 1.5, the average of 10 is 5.75 (docs/method.md#supervision)."""
-    feature = np.stack([np.array([0, 1, 2, 3, 10]), np.full(5, 1.0)], axis=1)
-    keys = {"normalize": False, "outlier_target": "average", "compression": "none"}
-    features = run(feature, [0] * 5, [0], **keys)
-    assert features.read("consistent")[0].tolist() == [1.5, 1.0]
-    assert features.read("supervision")[4].tolist() == [5.75, 1.0]
+    feature = np.array([[0.0], [1.0], [2.0], [3.0], [10.0]])
+    found = aggregate(feature, np.zeros(5, int), 1, "element", 3.0)
+    own = supervise(feature, found.feature[[0]], found.inlier, np.zeros(5, bool), "average")
+    assert found.feature.tolist() == [[1.5]] and own[4].tolist() == [5.75]
 
 
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])

@@ -72,7 +72,7 @@ def sample(real_data: Callable[[str], Path]) -> Path:
 @pytest.fixture(scope="session")
 def full_size(sample: Path) -> Recording:
     """It, in the size of its pictures."""
-    return open_recording(sample, FramesOptions(resolution=1408, focal=460.0, upright=True))
+    return open_recording(sample, FramesOptions(resolution=1408, upright=True))
 
 
 @pytest.fixture

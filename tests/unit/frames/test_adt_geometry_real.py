@@ -14,7 +14,7 @@ from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import Rectification
 from egosplat.geometry import ARIA_PIXEL_OFFSET, invert, make_pose, transform
 
-OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
+OPTIONS = FramesOptions(resolution=352, upright=True)
 ANNOTATION_NS = [87551170910000, 87551204237999]
 
 
@@ -60,7 +60,7 @@ def boxes(sample):
 def test_the_pinhole_camera_finds_the_instances_at_box_centers(sample, boxes, world_from_device, upright):
     recording = open_recording(sample, OPTIONS.change(resolution=1408, upright=upright))
     reader = open_annotations("adt", sample, AnnotationKeys(recording.camera, upright))
-    instance_map = reader.instance_map(ANNOTATION_NS[0])
+    (instance_map,) = reader.read(ANNOTATION_NS[0])
     world = boxes[["x", "y", "z"]].to_numpy()
     camera_from_world = invert(world_from_device[0] @ recording.device_from_camera)
     pixels = recording.camera.project(transform(camera_from_world, world))
@@ -92,7 +92,7 @@ def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, 
     camera = full_size.camera
     (copy / "segmentations_with_skeleton.vrs").unlink()
     reader = open_annotations("adt", copy, AnnotationKeys(camera, True))
-    ids = [reader.instance_map(time) for time in ANNOTATION_NS]
+    ids = [reader.read(time)[0] for time in ANNOTATION_NS]
     provider = adt_provider(sample)
     found = [provider.get_depth_image_by_timestamp_ns(time, RGB_STREAM) for time in ANNOTATION_NS]
     rectification = Rectification(rgb_calibration(sample), camera, 1)

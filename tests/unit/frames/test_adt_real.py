@@ -18,7 +18,7 @@ from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import pinhole
 from tests.support.recordings import opened
 
-OPTIONS = FramesOptions(resolution=352, focal=460.0, upright=True)
+OPTIONS = FramesOptions(resolution=352, upright=True)
 CAPTURE_NS = [87551170813262, 87551204152300, 87551237472175]
 ANNOTATION_NS = [87551170910000, 87551204237999]
 
@@ -30,15 +30,15 @@ def open_and_read(folder):
 
 def first_map(folder):
     """The annotations, and the instance map of the first frame."""
-    reader = open_annotations("adt", folder, AnnotationKeys(pinhole(352, 460.0)))
-    return reader, reader and reader.instance_map(CAPTURE_NS[0])
+    reader = open_annotations("adt", folder, AnnotationKeys(pinhole(352)))
+    return reader, reader and reader.read(CAPTURE_NS[0])
 
 
 def test_the_sample_has_three_color_frames_in_the_lens_circle(full_size):
     assert full_size.timestamp_ns.tolist() == CAPTURE_NS
     assert (full_size.exposure_middle_ns - full_size.timestamp_ns == EXPOSURE_MIDDLE_AFTER_CAPTURE_NS).all()
     assert full_size.origin == "real" and full_size.camera_known
-    assert full_size.camera == pinhole(1408, 460.0)
+    assert full_size.camera == pinhole(1408)
     assert 0.74 < full_size.valid.mean() < 0.76
     frames = list(full_size.read_frames(np.arange(3)))
     assert [(image.shape, image.dtype.name) for image in frames] == [((1408, 1408, 3), "uint8")] * 3
@@ -128,10 +128,10 @@ def test_instances_are_read_with_their_categories(annotations):
 
 
 def test_instance_maps_belong_to_their_frames_only(annotations, full_size):
-    maps = [annotations.instance_map(time) for time in CAPTURE_NS]
+    maps = [annotations.read(time) for time in CAPTURE_NS]
     assert maps[2] is None
     valid = full_size.valid
-    for one in maps[:2]:
+    for (one,) in maps[:2]:
         assert one.shape == (1408, 1408) and one.dtype == np.int32
         assert (one[~valid] == -1).all()
         assert (one[valid] == -1).mean() < 1e-3
@@ -141,8 +141,8 @@ def test_instance_maps_belong_to_their_frames_only(annotations, full_size):
 
 def test_a_segmentation_up_to_3_ms_older_or_newer_is_used(annotations):
     for time, sign in zip(ANNOTATION_NS, (-1, 1), strict=True):
-        assert annotations.instance_map(time + sign * 3_000_000) is not None
-        assert annotations.instance_map(time + sign * 3_000_001) is None
+        assert annotations.read(time + sign * 3_000_000) is not None
+        assert annotations.read(time + sign * 3_000_001) is None
 
 
 def test_without_the_people_segmentation_the_plain_one_is_read(copy, capfd):
@@ -192,7 +192,7 @@ def test_a_missing_truncated_or_damaged_annotation_file_is_named(copy):
         first_map(copy)
     segmentation.write_bytes(segmentation.read_bytes()[:100_000])
     with pytest.raises(UserError, match=segmentation.name):
-        open_annotations("adt", copy, AnnotationKeys(pinhole(352, 460.0)))
+        open_annotations("adt", copy, AnnotationKeys(pinhole(352)))
     (copy / "instances.json").unlink()
     with pytest.raises(UserError, match="instances.json"):
         first_map(copy)

@@ -23,7 +23,7 @@ from tests.unit.frames.test_plain_annotations import IDS, TABLE
 
 __all__ = ("images", "root")  # fixtures
 
-OPTIONS = FramesOptions(resolution=32, focal=460.0, upright=True)
+OPTIONS = FramesOptions(resolution=32, upright=True)
 STAGES = ("frames", "annotations")
 KEYS = AnnotationKeys(Camera(32, 24, 30.0, 30.0, 16.0, 12.0), True)
 CONFIG = {"frames": {"known_poses": "auto"}, "poses": {"method": "auto", "trajectory": "closed_loop"}}
@@ -41,7 +41,7 @@ def read_annotations(format: str, recording: Path) -> tuple[list, list]:
     """The instances, and the instance maps of all frames."""
     capture = open_recording(format, recording, OPTIONS)
     reader = open_annotations(format, recording, AnnotationKeys(capture.camera, True))
-    return reader.instances, [reader.instance_map(int(time)) for time in capture.timestamp_ns]
+    return reader.instances, [reader.read(int(time)) for time in capture.timestamp_ns]
 
 
 def annotate(recording: Path, names: tuple[str, str]) -> None:

@@ -67,18 +67,18 @@ def test_videos_and_annotations_may_have_separate_root_folders(root):
     annotations.mkdir(parents=True)
     (release / "2Dseg").rename(annotations / "2Dseg")
     assert open_recording(root / NAME, OPTIONS).camera_known
-    assert open_annotations("hoi4d", root / NAME, AnnotationKeys(CAMERA)).instance_map(0) is not None
+    assert open_annotations("hoi4d", root / NAME, AnnotationKeys(CAMERA)).read(0) is not None
 
 
 def test_masks_belong_to_their_frames(root):
     annotations = open_annotations("hoi4d", root / FOLDER, AnnotationKeys(CAMERA))
     capture = open_recording(root / FOLDER, OPTIONS)
-    maps = [annotations.instance_map(int(time)) for time in capture.timestamp_ns]
+    maps = [annotations.read(int(time)) for time in capture.timestamp_ns]
     assert [index for index, found in enumerate(maps) if found is not None] == [0, 3]
     expected = np.full((24, 32), -1)
     expected[4:8, 2:6], expected[10:14, 20:24] = 0, 1
-    assert maps[0].dtype == np.int32 and np.array_equal(maps[0], expected)
-    assert annotations.instance_map(int(capture.timestamp_ns[3]) + 3_100_000) is None
+    assert maps[0].dtype == np.int32 and np.array_equal(maps[0][0], expected)
+    assert annotations.read(int(capture.timestamp_ns[3]) + 3_100_000) is None
 
 
 def test_the_meaning_of_labels_depends_on_the_category(root):
@@ -98,11 +98,10 @@ def test_the_meaning_of_labels_depends_on_the_category(root):
 @pytest.mark.parametrize(
     "matrix, problem",
     [
-        (np.eye(4), "no intrinsics"),
-        (np.full((3, 3), np.nan), "no intrinsics"),
-        (np.zeros((3, 3)), "no intrinsics"),
+        *((matrix, "no intrinsics") for matrix in (np.eye(4), np.full((3, 3), np.nan), np.zeros((3, 3)))),
         (MATRIX + np.array([[0, 9, 0], [0, 0, 0], [0, 0, 0]]), "no intrinsics"),
-        (MATRIX * [[30], [1], [1]], "in the 64x48 px video"),
+        (MATRIX * [[30], [1], [1]], "of 64x48 px"),
+        (MATRIX * [[1e-3], [1e-3], [1]], "in pixels"),
         (np.array(["a", "b"]), "not a readable NumPy array"),
         (np.array([{"fx": 1}], dtype=object), "not a readable NumPy array"),
     ],
@@ -131,10 +130,10 @@ def test_bad_masks_are_named(root):
     annotations = open_annotations("hoi4d", root / FOLDER, AnnotationKeys(CAMERA))
     write_mask(mask, np.zeros((48, 48), dtype=int))
     with pytest.raises(UserError, match="00000.png.*aspect"):
-        annotations.instance_map(0)
+        annotations.read(0)
     cv2.imwrite(str(mask), np.full((48, 64, 3), 77, np.uint8))
     with pytest.raises(UserError, match="00000.png.*label"):
-        annotations.instance_map(0)
+        annotations.read(0)
     mask.write_bytes(mask.read_bytes()[:60])
     with pytest.raises(UserError, match="00000.png"):
-        annotations.instance_map(0)
+        annotations.read(0)

@@ -80,7 +80,7 @@ def folder(tmp_path):
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
 @pytest.mark.parametrize("orientation", [2, 3, 6])
 @pytest.mark.parametrize("size", [(WIDTH, HEIGHT), (WIDTH, WIDTH)])
-def test_pictures_lie_as_their_files_have_them(tmp_path, kind, orientation, size):
+def test_pictures_lie_as_their_files_have_them(tmp_path, capsys, kind, orientation, size):
     """COLMAP, hloc and nerfstudio ignore EXIF orientation, so it would contradict their poses."""
     image = picture(*size)
     for name in NAMES:
@@ -88,6 +88,7 @@ def test_pictures_lie_as_their_files_have_them(tmp_path, kind, orientation, size
     write_known(tmp_path, kind, NAMES, *size)
     (shown,) = open_recording(tmp_path, OPTIONS).read_frames(np.array([2]))
     np.testing.assert_array_equal(shown, image)
+    assert (orientation == 6) == ("as they are stored" not in capsys.readouterr().err)
     (turned,) = open_recording(tmp_path, OPTIONS.change(known_poses="none")).read_frames(np.array([2]))
     assert turned.shape != image.shape or (turned != image).any()
 
@@ -159,7 +160,7 @@ def test_several_cameras_reach_frames_poses_and_annotations(tmp_path, capsys):
     # The middle of every picture looks ahead.
     middle = frames.read("rgb")[:, round(camera.cy), round(camera.cx), :2]
     assert np.abs(middle.astype(int) - 120).max() <= 5
-    keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+    keys = annotations_stage.AnnotationsOptions()
     run(recording, {"evaluation_frames": 3, "holdout": False})
     annotations_stage.run(recording, tmp_path / "frames.zarr", tmp_path / "annotations.zarr", keys)
     found = open_artifact(tmp_path / "annotations.zarr", annotations_stage.ANNOTATIONS)
@@ -214,6 +215,8 @@ LAYOUTS = {
     "two folders": ("cam{}/1.png", "cam{}/1.png"),
     "COLMAP's project": ("{}.png", "images/{}.png"),
     "Windows": (".\\images\\{}.png", "images/{}.png"),
+    "Windows, from elsewhere": ("./..\\data\\rgb/{}.png", "data/rgb/{}.png"),
+    "another computer, whose letters are whole": ("/home/me/k\u00fcche/{}.png", "ku\u0308che/{}.png"),
 }
 
 

@@ -42,7 +42,7 @@ def images(tmp_path):
 def maps(path):
     times = open_recording(path, OPTIONS).timestamp_ns
     annotations = open_annotations("plain", path, AnnotationKeys(CAMERA))
-    return [annotations.instance_map(int(time)) for time in times]
+    return [annotations.read(int(time)) for time in times]
 
 
 def test_images_have_the_annotation_of_their_name(images):
@@ -66,7 +66,7 @@ def annotate(images, evaluation):
     """Frames that are all trained on, and the annotations of some."""
     split(images, evaluation_frames=evaluation, holdout=False)
     written = images.parent / "annotations.zarr"
-    keys = annotations_stage.AnnotationsOptions(max_age_ms=3.0)
+    keys = annotations_stage.AnnotationsOptions()
     annotations_stage.run(images, images.parent / "frames.zarr", written, keys)
 
 

@@ -11,19 +11,19 @@ from egosplat.geometry import ARIA_PIXEL_OFFSET, CLOCKWISE, invert, transform
 
 @pytest.mark.parametrize("upright", [False, True])
 def test_device_points_project_like_the_rotated_linear_calibration(fisheye, upright):
-    rectification = Rectification(fisheye, pinhole(352, 460.0), upright)
+    rectification = Rectification(fisheye, pinhole(352), upright)
     rng = np.random.default_rng(3)
     camera_points = np.column_stack([rng.uniform(-1, 1, (200, 2)), rng.uniform(1, 4, 200)])
     device = transform(fisheye.get_transform_device_camera().to_matrix(), camera_points)
     # Their linear calibration carries the pose, so that the whole chain from the device frame is theirs.
-    linear = linear_calibration(pinhole(352, 460.0))
+    linear = linear_calibration(pinhole(352))
     rotated = aria.rotate_camera_calib_cw90deg(linear) if upright else linear
     to_rotated = rotated.get_transform_device_camera().inverse().to_matrix()
     theirs = [rotated.project_no_checks(point) for point in transform(to_rotated, camera_points)]
     ours = rectification.camera.project(transform(invert(rectification.device_from_camera), device))
     assert np.abs(ours - (np.array(theirs) + ARIA_PIXEL_OFFSET)).max() < 1e-9
     if upright:
-        sensor = Rectification(fisheye, pinhole(352, 460.0), False)
+        sensor = Rectification(fisheye, pinhole(352), False)
         assert np.allclose(rectification.device_from_camera, sensor.device_from_camera @ CLOCKWISE)
 
 
@@ -34,7 +34,7 @@ def noise(side: int = 352) -> np.ndarray:
 
 @pytest.mark.parametrize("upright", [False, True])
 def test_colors_equal_the_librarys_within_a_grey_level(fisheye, upright):
-    camera = pinhole(352, 460.0)
+    camera = pinhole(352)
     rectification = Rectification(fisheye, camera, upright)
     assert supersampling(fisheye, camera) == 1
     image = noise()
@@ -46,7 +46,7 @@ def test_colors_equal_the_librarys_within_a_grey_level(fisheye, upright):
 
 @pytest.mark.parametrize("resolution", [352, 100])
 def test_labels_equal_the_librarys(fisheye, resolution):
-    camera = pinhole(resolution, 460.0)
+    camera = pinhole(resolution)
     rectification = Rectification(fisheye, camera, False)
     labels = np.random.default_rng(1).integers(1, 2**60, (352, 352), dtype=np.uint64)
     theirs = aria.distort_label_by_calibration(labels, linear_calibration(camera), fisheye)
@@ -58,7 +58,7 @@ def test_labels_equal_the_librarys(fisheye, resolution):
 
 @pytest.mark.parametrize("resolution", [352, 88])
 def test_valid_pixels_project_into_the_lens_circle_and_the_frame(fisheye, resolution):
-    camera = pinhole(resolution, 460.0)
+    camera = pinhole(resolution)
     rectification = Rectification(fisheye, camera, False)
     factor = supersampling(fisheye, camera)
     side = resolution * factor
@@ -76,7 +76,7 @@ def _visible(fisheye, linear, u, v) -> bool:
 
 
 def test_invalid_pixels_are_black_and_valid_ones_do_not_mix_with_them(fisheye):
-    rectification = Rectification(fisheye, pinhole(88, 460.0), True)
+    rectification = Rectification(fisheye, pinhole(88), True)
     white = rectification.color(np.full((352, 352, 3), 255, dtype=np.uint8))
     assert (white[rectification.valid] == 255).all()
     assert (white[~rectification.valid] == 0).all()
@@ -86,7 +86,7 @@ def test_a_fine_pattern_averages_instead_of_aliasing(fisheye):
     rows, columns = np.mgrid[:352, :352]
     checkers = np.where((rows + columns) % 2, 255, 0).astype(np.uint8)
     image = np.repeat(checkers[..., None], 3, axis=2)
-    camera = pinhole(44, 460.0)
+    camera = pinhole(44)
     rectification = Rectification(fisheye, camera, False)
     middle = rectification.color(image)[12:32, 12:32, 0].astype(float)
     naive = aria.distort_by_calibration(image, linear_calibration(camera), fisheye)[12:32, 12:32, 0].astype(

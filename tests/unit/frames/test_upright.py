@@ -46,11 +46,11 @@ def device(version: DeviceVersion, build: str, origin: str, tilt_deg: float = 0.
 @pytest.mark.parametrize("version, build, origin, turns", BUILDS)
 def test_up_in_the_frame_is_up_of_the_wearer(version, build, origin, turns, tmp_path):
     calibration = device(version, build, origin)
-    made = rectification(calibration, pinhole(64, 460.0), True, tmp_path)
+    made = rectification(calibration, pinhole(64), True, tmp_path)
     cpf_from_device = np.linalg.inv(calibration.get_transform_device_cpf(aria.CpfType.CadBased).to_matrix())
     up = -(cpf_from_device @ made.device_from_camera)[:3, 1]
     assert up[1] > 0.98
-    sensor = rectification(calibration, pinhole(64, 460.0), False, tmp_path)
+    sensor = rectification(calibration, pinhole(64), False, tmp_path)
     image = np.random.default_rng(0).integers(256, size=(192, 256, 3), dtype=np.uint8)
     assert (made.color(image) == np.rot90(sensor.color(image), -turns)).all()
     assert (made.valid == np.rot90(sensor.valid, -turns)).all()
@@ -72,11 +72,11 @@ def test_a_calibration_without_cad_uses_the_device_generation(version, expected,
     assert clockwise_turns(unknown, RGB) == expected
     if expected is None:
         with pytest.raises(UserError, match="frames.upright=false"):
-            rectification(unknown, pinhole(64, 460.0), True, tmp_path / "video.vrs")
-        assert (rectification(unknown, pinhole(64, 460.0), False, tmp_path).valid).any()
+            rectification(unknown, pinhole(64), True, tmp_path / "video.vrs")
+        assert (rectification(unknown, pinhole(64), False, tmp_path).valid).any()
 
 
-OPTIONS = FramesOptions(resolution=64, focal=460.0)
+OPTIONS = FramesOptions(resolution=64)
 
 
 def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
@@ -104,5 +104,5 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
         assert (image == next(lying.read_frames(np.array([0])))).all()
     keys = [AnnotationKeys(lying.camera, upright) for upright in (True, False)]
     time = int(lying.timestamp_ns[0])
-    turned, sensor = (open_annotations("adt", sample, each).instance_map(time) for each in keys)
+    turned, sensor = (open_annotations("adt", sample, each).read(time) for each in keys)
     assert (turned == sensor).all()

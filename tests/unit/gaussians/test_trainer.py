@@ -15,7 +15,7 @@ from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.schedule import STOCK, TrainingOptions
-from egosplat.gaussians.trainer import TrainingState, ViewSets, draw_background, resume_and_train
+from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from tests.support.gaussian_scene import SETTINGS, views_of
 
 OPTIONS = TrainingOptions(render=SETTINGS, iterations=60, max_gaussians=80, evaluate_every=20, seed=3)
@@ -86,14 +86,6 @@ def test_pixels_outside_the_lens_circle_do_not_matter(trained, view_sets):
 def test_a_scene_outside_all_cameras_trains_without_error(trained, start):
     start.means[:, 2] = -3.0
     assert same(trained(iterations=15).gaussians, start)
-
-
-def test_the_background_is_black_white_or_random():
-    generator = torch.Generator().manual_seed(0)
-    assert draw_background("black", generator) is None
-    assert torch.equal(draw_background("white", generator), torch.ones(3))
-    first, second = draw_background("random", generator), draw_background("random", generator)
-    assert first.shape == (3,) and not torch.equal(first, second)
 
 
 def test_options_scale_the_schedule():

@@ -6,7 +6,7 @@ import pytest
 from egosplat.instances.merging import Runs
 from egosplat.instances.moving import standing_tracks
 from egosplat.instances.scene import draw_masks, keep_outlines
-from tests.unit.instances.conftest import lifted, options
+from tests.unit.instances.conftest import lifted
 
 
 def labels(*rows: list[int]) -> np.ndarray:
@@ -35,7 +35,7 @@ def standing(held, seconds, seen=None, instance=None) -> list[int]:
     """The standing tracks; mask k is of frame k, and of track 0 unless ``instance`` says more."""
     count = len(held)
     masks = lifted(held, list(range(count)), seen or [WALL] * count, instance or [0] * count)
-    return standing_tracks(masks, np.array(seconds, float), options()).tolist()
+    return standing_tracks(masks, np.array(seconds, float)).tolist()
 
 
 def elsewhere(count: int) -> list[list[int]]:

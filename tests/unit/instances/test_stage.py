@@ -83,11 +83,11 @@ def test_the_source_tracks_passes_segments_through(scene):
 
 
 def test_a_broken_track_is_repaired(scene, truth):
-    """Two tracks that swap their squares in the middle are cut there, and put together right."""
+    """The masks of two tracks that swap their squares in the middle are put together right."""
     labels = np.full((FRAMES, 2, SIZE, SIZE), -1, np.int32)
     labels[:, 1] = np.concatenate([truth[: FRAMES // 2], 1 - truth[FRAMES // 2 :]])
     folder = scene(labels=labels, **{"instances/level": np.ones(2, np.int8)})
-    found = run(folder, source="both")
+    found = run(folder, source="masks")
     assert found.shape("instances/level") == (2,)
     assert agreement(found, truth) > 0.95 and (labels[:, 1] == truth).mean() < 0.6
 

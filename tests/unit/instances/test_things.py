@@ -5,19 +5,17 @@ import pytest
 from scipy import sparse
 
 from egosplat.instances.merging import Runs, agglomerate
-from egosplat.instances.options import InstancesOptions
-from egosplat.instances.things import beliefs, cut_tracks, find_things, single_masks
-from tests.unit.instances.conftest import lifted, options
+from egosplat.instances.things import beliefs, find_things
+from tests.unit.instances.conftest import lifted
 
 TABLE, CUP, WALL = [0, 1, 2, 3], [4, 5], [6, 7, 8, 9]
 ALL = [*TABLE, *CUP, *WALL]
 
 
-def things(masks, *, cut: bool = False, **changes: object) -> list[int]:
+def things(masks) -> list[int]:
     """The instance of each mask."""
-    keys = options(**changes)
-    run = cut_tracks(masks, keys) if cut else single_masks(masks)
-    return find_things(masks, run, np.ones(masks.seen.shape[1], np.float32), keys)[0].tolist()
+    weight = np.ones(masks.seen.shape[1], np.float32)
+    return find_things(masks, weight)[0].tolist()
 
 
 @pytest.mark.parametrize(
@@ -40,20 +38,20 @@ def test_too_small_a_common_part_is_no_evidence(monkeypatch, least, expected):
     assert things(lifted(seen, [0, 1], seen)) == expected
 
 
-def test_a_mask_that_contradicts_its_track_has_no_vote(monkeypatch):
-    """In one frame the table's track holds the wall: with the source masks it merges with neither."""
-    masks = lifted([TABLE, TABLE, TABLE, WALL, TABLE], [*range(5)], [ALL] * 5, instance=[0] * 5)
-    assert things(masks, cut=True) == [0, 0, 0, 1, 0]
-    monkeypatch.setattr("egosplat.instances.things._CUT_IOU", 0.0)
-    assert things(masks, cut=True) == [0, 0, 0, -1, 0]
+def test_a_mask_that_contradicts_its_thing_has_no_vote(monkeypatch):
+    masks = lifted([TABLE, TABLE, TABLE, [0, *WALL]], [*range(4)], [ALL] * 4)
+    monkeypatch.setattr("egosplat.instances.merging.MERGE_IOU", 0.1)
+    assert things(masks) == [0, 0, 0, -1]
+    monkeypatch.setattr("egosplat.instances.things._DROP_IOU", 0.0)
+    assert things(masks) == [0, 0, 0, 0]
 
 
 def test_an_instance_that_others_hold_already_is_dropped(monkeypatch):
-    """Non-maximum suppression in 3D: a mask over half of the table, seen once, is no instance beside it."""
-    masks = lifted([TABLE, TABLE, TABLE, TABLE[:2]], [0, 1, 2, 3], [ALL] * 4)
-    assert things(masks, merge_iou=0.6) == [0, 0, 0, -1]
+    """Non-maximum suppression in 3D: a mask over a corner of the table, seen once, is no instance beside it."""
+    masks = lifted([TABLE, TABLE, TABLE, TABLE[:1]], [0, 1, 2, 3], [ALL] * 4)
+    assert things(masks) == [0, 0, 0, -1]
     monkeypatch.setattr("egosplat.instances.things._CLAIMED", 1.0)
-    assert things(masks, merge_iou=0.6) == [0, 0, 0, 1]
+    assert things(masks) == [0, 0, 0, 1]
 
 
 def test_beliefs_are_shares_of_the_weight_in_frames_with_masks():
@@ -85,7 +83,7 @@ def make_runs(count: int, gaussians: int, seed: int) -> Runs:
         first = max(0, centers[rng.integers(len(centers))] + rng.integers(-4, 5))
         mine = slice(first, first + rng.integers(15, 30))
         votes[run, mine] = seen[run, mine] * rng.random(seen[run, mine].shape) ** 0.2
-    return Runs(sparse.csr_array(votes), sparse.csr_array(seen), rng.random(gaussians), 0.5)
+    return Runs(sparse.csr_array(votes), sparse.csr_array(seen), rng.random(gaussians))
 
 
 def agglomerate_slowly(runs: Runs, least: float) -> np.ndarray:
@@ -104,9 +102,10 @@ def agglomerate_slowly(runs: Runs, least: float) -> np.ndarray:
 @pytest.mark.parametrize("merge_iou", [0.1, 0.4, 1.0])
 @pytest.mark.parametrize("count", [1, 2, 40])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_merges_are_those_of_comparing_all_runs_anew(count, merge_iou, seed):
+def test_merges_are_those_of_comparing_all_runs_anew(monkeypatch, count, merge_iou, seed):
+    monkeypatch.setattr("egosplat.instances.merging.MERGE_IOU", merge_iou)
     expected = agglomerate_slowly(make_runs(count, 300, seed), merge_iou)
-    found = agglomerate(make_runs(count, 300, seed), InstancesOptions(merge_iou=merge_iou))
+    found = agglomerate(make_runs(count, 300, seed))
     np.testing.assert_array_equal(found, expected)
     if count == 40 and merge_iou < 1:
         assert 1 < len(np.unique(found)) < count
@@ -114,5 +113,5 @@ def test_merges_are_those_of_comparing_all_runs_anew(count, merge_iou, seed):
 
 def test_equal_runs_merge_and_runs_without_a_gaussian_stay_apart():
     votes = sparse.csr_array([[1.0, 1, 0, 0, 0, 0], [0] * 6, [1, 1, 0, 0, 0, 0], [0] * 6])
-    runs = Runs(votes, sparse.csr_array(np.ones((4, 6))), np.ones(6), 0.5)
-    assert agglomerate(runs, InstancesOptions()).tolist() == [0, 1, 0, 3]
+    runs = Runs(votes, sparse.csr_array(np.ones((4, 6))), np.ones(6))
+    assert agglomerate(runs).tolist() == [0, 1, 0, 3]

@@ -101,7 +101,7 @@ def test_a_file_with_another_digest_is_not_kept(folder, server):
         (302, {"Location": "ftp://somewhere/else"}, {}, "ftp://"),
         (200, {}, {"http_proxy": "http://127.0.0.1:port"}, "http_proxy"),
         (200, {}, {"http_proxy": "http://127.0.0.1:1"}, "http_proxy"),
-        (200, {}, {"HF_ENDPOINT": "http://nowhere:port"}, "HF_ENDPOINT"),
+        (200, {}, {"HF_ENDPOINT": "http://me:secret@nowhere:port"}, "HF_ENDPOINT"),
     ],
 )
 def test_what_goes_wrong_is_told_with_the_address_and_the_place(
@@ -118,6 +118,7 @@ def test_what_goes_wrong_is_told_with_the_address_and_the_place(
         egosplat("download", "ViT-B-16")
     huggingface_hub.close_session()
     first, second = str(caught.value).splitlines()
+    assert "secret" not in first + second
     assert told in first and f"{address(FILES[1])} -> checkpoints/{FILES[1]}" in second
     assert not (folder / "checkpoints").exists()
 

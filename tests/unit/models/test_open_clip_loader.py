@@ -100,16 +100,15 @@ LARGE = '{"model_cfg": {"embed_dim": 3, "vision_cfg": "large", "text_cfg": {}}}'
         # The whole description.
         ("{", "open_clip_config.json: .* JSON"),
         ("[" * 5000, "open_clip_config.json: .* JSON .*nested"),
-        ("[]", "model_cfg with embed_dim"),
-        ('{"model_cfg": {"embed_dim": 3}}', "model_cfg with embed_dim"),
-        (LARGE, "model_cfg with embed_dim"),
+        *((text, "model_cfg with embed_dim") for text in ("[]", '{"model_cfg": {"embed_dim": 3}}', LARGE)),
         (LARGE.replace('"large"', "{}").replace("{}}}", "[]}}"), "model_cfg with embed_dim"),
         (LARGE.replace('"large"', '{"x": 1}'), "no OpenCLIP model"),
         # The vocabulary.
         (None, "49,408 .*518.* bpe.txt.gz"),
-        (b"rubbish", "bpe.txt.gz"),
-        (gzip.compress(b"a b" * 100, mtime=0)[:-12], "bpe.txt.gz"),
-        (bytes(BITS), "bpe.txt.gz"),
+        *(
+            (made, "bpe.txt.gz")
+            for made in (b"rubbish", gzip.compress(b"a b" * 99, mtime=0)[:-12], bytes(BITS))
+        ),
     ],
 )
 def test_a_fault_of_the_folder_is_reported(folder, description, edit, message):

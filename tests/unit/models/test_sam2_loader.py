@@ -138,19 +138,16 @@ BASE = "sam2.modeling.sam2_base.SAM2Base"
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("model: [", "describes no SAM2"),
-        ("model: {}", "'model' with a _target_"),
-        ("- 1", "'model' with a _target_"),
-        ("other: {_target_: sam2.modeling.sam2_base.SAM2Base}", "'model' with a _target_"),
+        *((text, "describes no SAM2") for text in ("model: [", "3", "[" * 5000)),
+        *(
+            (text, "'model' with a _target_")
+            for text in ("model: {}", "- 1", "model: 3", f"a: {{_target_: {BASE}}}")
+        ),
         ("model: {_target_: os.system, command: 'touch ran'}", "'os.system' is no network"),
         ("model: {_target_: sam2.build_sam.os.system, command: 'touch ran'}", "build_sam.os.system' is no"),
         (f"model: {{_target_: {BASE}, x: [{{_target_: sam2.build_sam.os.system}}]}}", "os.system' is no"),
         ("model: {_target_: sam2.build_sam.build_sam2_hf, model_id: a/b}", "build_sam2_hf' is no network"),
-        ("model: {_target_: sam2.nothing.Here}", "'sam2.nothing.Here' is no network"),
-        ("model: {_target_: 3}", "'3' is no network"),
-        ("3", "describes no SAM2"),
-        ("model: 3", "'model' with a _target_"),
-        ("[" * 5000, "describes no SAM2"),
+        *((f"model: {{_target_: {name}}}", f"'{name}' is no network") for name in ("sam2.nothing.Here", "3")),
         (f"model: {{_target_: {BASE}}}", "describes no SAM2"),
         (f"model: {{_target_: {BASE}, image_size: '${{nothing}}'}}", "describes no SAM2"),
     ],

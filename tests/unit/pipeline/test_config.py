@@ -117,7 +117,7 @@ def test_variants_of_the_user_stand_beside_the_default_ones():
     [
         ("splats", "iterations", "5", 5),
         ("language", "lr", "1e-4", 1e-4),
-        ("splats", "densify_init", "false", False),
+        ("frames", "holdout", "false", False),
         ("features", "dims", "7", 7),
         ("frames", "end_s", "null", None),
         ("camera", "refine_poses", True, "on"),

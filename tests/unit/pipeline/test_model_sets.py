@@ -81,9 +81,9 @@ def test_a_scene_takes_the_set_that_is_chosen_or_that_suits_its_recording(
     "options, user, models, asked",
     [
         ("", {"query": {"min_score": 0.5}}, "photos", 0.5),
-        ("query.min_score=0.78", {}, "photos", 0.78),  # the small models' default is a choice here
-        ("", {"formats": {"plain": {"query": {"min_score": 0.78}}}}, "photos", 0.78),
-        ("models.set=auto query.min_score=0.78", PUBLISHED, "photos", 0.78),
+        ("query.min_score=0.7", {}, "photos", 0.7),  # the small models' default is a choice here
+        ("", {"formats": {"plain": {"query": {"min_score": 0.7}}}}, "photos", 0.7),
+        ("models.set=auto query.min_score=0.7", PUBLISHED, "photos", 0.7),
         ("", PUBLISHED | {"query": {"min_score": 0.5}}, "published", 0.5),
         ("", {"formats": {"plain": PUBLISHED | {"query": {"min_score": 0.5}}}}, "published", 0.5),
     ],
@@ -103,7 +103,7 @@ def test_a_variant_may_choose_a_set_and_keeps_the_users_keys():
         assert variant_config(base, name, "s")["models"]["set"] == "small"
     own = {"query": {"temperature": 5.0}, "models": {"set": "published", "clip_checkpoint": "mine.bin"}}
     small = variant_config(resolved(**own, variants={"back": SMALL}), "back", "s")
-    assert (small["query"]["temperature"], small["query"]["min_score"]) == (5.0, 0.78)
+    assert (small["query"]["temperature"], small["query"]["min_score"]) == (5.0, 0.7)
     assert small["models"]["clip_checkpoint"] == "mine.bin" and small["models"]["sam2_checkpoint"] == "small"
 
 

@@ -34,7 +34,7 @@ PENALTY = {"transient": {"transient_penalty": 0.1}}
 @pytest.mark.parametrize(
     "scene, keys, changed, shared",
     [
-        ({}, {"features": {"mad_k": 2.0}}, "features language", "view_features splats masks"),
+        ({}, {"features": {"epochs": 2}}, "features language", "view_features splats masks"),
         ({}, {"splats": {"masking": "none"}}, "splats language", "masks features instances segments"),
         ({}, {"splats": {"masking": "refined"}}, "splats", "segments features"),
         ({}, {"splats": {"iterations": 5}}, "splats language", "instances"),
@@ -148,23 +148,23 @@ def test_a_variant_of_the_configuration_keeps_its_name_from_a_preset():
 
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():
-    frames = {"resolution": 300, "focal": 400.0, "evaluation_frames": 5}
+    frames = {"resolution": 300, "start_s": 2.0, "evaluation_frames": 5}
     own = {
         "query": {"readout": "pixels"},
         "frames": frames,
-        "segments": {"merge_iou": 0.4},
+        "instances": {"iterations": 7},
         "models": {"clip_model": "mine"},
     }
     base = resolve(own, PRESETS)
     config = with_presets(base, PRESETS, "adt")
     draft, paper = (variant_config(config, name, "adt/scene1") for name in ("draft", "paper_scaled"))
     for found in (draft, paper):
-        assert (found["frames"]["focal"], found["frames"]["evaluation_frames"]) == (400.0, 5)
+        assert (found["frames"]["start_s"], found["frames"]["evaluation_frames"]) == (2.0, 5)
         assert all(found[section] == base[section] for section in ("models", "metrics", "synthetic"))
-        assert found["segments"]["merge_iou"] == 0.4 and found["query"]["readout"] == "pixels"
+        assert found["instances"]["iterations"] == 7 and found["query"]["readout"] == "pixels"
     assert draft["frames"]["resolution"] == 256 and paper["frames"]["resolution"] == 300
     assert (paper["splats"]["iterations"], paper["features"]["dims"]) == (30000, 3)
     assert paper["transient"]["encoder_weights"] is None
     assert (paper["query"]["temperature"], paper["query"]["min_score"]) == (1.0, 0.0)
-    assert (paper["features"]["mismatched_views"], paper["view_features"]["cut"]) == ("average", "mask")
-    assert draft["query"] == base["query"] and draft["view_features"]["cut"] == "hull"
+    assert draft["query"] == base["query"]
+    assert (paper["view_features"]["cut"], draft["view_features"]["cut"]) == ("mask", "hull")

@@ -38,7 +38,7 @@ FAULTS = [
     ({"frames.stride": 2}, "'frames.stride'; write frames: {stride: ...}"),
     ({"frames": {"resolution": 3}}, "frames.resolution = 3 .* 32"),
     ({"frames": {"resolution": 512.0}}, "frames.resolution = 512.0 .* whole number"),
-    ({"frames": {"focal": math.nan}}, "frames.focal = nan .* a number"),
+    ({"transient": {"lr": math.nan}}, "transient.lr = nan .* a number"),
     *(
         ({"splats": {"iterations": text}}, r"splats\.iterations = .*whole number")
         for text in ("five", "3.0", "1e400", "[5]", "", "2020-01-01")
@@ -116,8 +116,8 @@ def test_absent_and_faulty_files_and_unknown_scenes_are_named(tmp_path):
         find_scene(read(tmp_path, ROW), "adt", "t")
     with pytest.raises(UserError, match="paper.yaml"):
         config.resolve({"preset": "paper"}, tmp_path)
-    (tmp_path / "draft.yaml").write_text("frames: {focl: 3}")
-    with pytest.raises(UserError, match="draft.yaml: .*'frames.focl'.* 'focal'"):
+    (tmp_path / "draft.yaml").write_text("frames: {strid: 3}")
+    with pytest.raises(UserError, match="draft.yaml: .*'frames.strid'.* 'stride'"):
         config.resolve({"preset": "draft"}, tmp_path)
 
 

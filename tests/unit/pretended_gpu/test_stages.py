@@ -36,7 +36,7 @@ SPLATS = CAMERA | {
     "sh_degree": 1,
     "masking": "none",
 }
-TRANSIENT = CAMERA | {"iterations": 12, "input_size": 64, "resolution": 32, "max_gaussians": 300}
+TRANSIENT = CAMERA | {"iterations": 12, "input_size": 64, "resolution": 32}
 LANGUAGE = {"iterations": 12}
 
 
@@ -87,11 +87,10 @@ def train(folder: Path, name: str = "splats.zarr", **changes: object) -> Artifac
     ("changes", "limit"),
     [
         ({}, 2),
-        ({"background": "random"}, 2),
-        ({"masking": "refined", "language": "joint", "ssim_lambda": 0.0}, 2),
+        ({"masking": "refined", "language": "joint", "recipe": "paper"}, 2),
         ({"masking": "initial", "evaluate_every": 10, "sh_degree": 3, **CORRECTED}, 4),
     ],
-    ids=["default", "random background", "joint", "corrected"],
+    ids=["default", "joint", "corrected"],
 )
 def test_splats(scene, gpu, monkeypatch, changes, limit):
     """Mixed devices would end training on a GPU; each wait leaves it idle."""

@@ -34,7 +34,7 @@ def scene(tmp_path):
     return make
 
 
-@pytest.mark.parametrize("background, expected", [("black", 0.0), ("white", 1.0), ("random", 0.0)])
+@pytest.mark.parametrize("background, expected", [("black", 0.0), ("white", 1.0)])
 def test_the_background_is_the_one_of_training(scene, background, expected):
     picture = scene(background).picture(CAMERA, np.eye(4))
     assert picture.shape == (12, 16, 3) and picture.dtype == np.float32

@@ -150,7 +150,7 @@ def test_each_word_finds_its_half(scene, texts, monkeypatch):
 def test_what_was_decoded_once_answers_as_if_anew(scene, texts):
     kept, other = scene[0], replace(texts, canonical=texts.queries[:1])
     for asked in (texts, texts, other, texts):
-        assert torch.equal(kept.relevancy(asked, 10.0), replace(kept).relevancy(asked, 10.0))
+        assert torch.equal(kept.relevancy(asked, LANGSPLAT), replace(kept).relevancy(asked, LANGSPLAT))
     assert len(kept._kept) == 1
 
 

@@ -7,11 +7,11 @@ import torch
 
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.query import grades
-from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, Grading, other_meanings
+from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, Grading
 from egosplat.query.options import LANGSPLAT, QueryOptions
-from egosplat.query.text import Texts
+from egosplat.query.text import Texts, other_meanings
 
-FIT = Calibration(-1.0, {"size": 0.25, "lead": 1.0, "apart": 2.0}, 0.7)
+FIT = Calibration(-1.0, {"size": 0.25, "fit": 1.0, "apart": 2.0}, 0.7)
 
 
 @pytest.mark.parametrize(
@@ -27,19 +27,19 @@ def test_a_probability_has_one_of_three_grades_and_is_shown_with_it(p, grade):
 def test_the_probability_is_the_logistic_of_the_evidence():
     expected = 1 / (1 + math.exp(-(-1.0 - 0.25 * 4.0 + 3.0 + 2.0 * 0.5)))
     assert FIT.probability(Evidence(-4.0, 3.0, 0.5)) == pytest.approx(expected)
-    assert [FIT.probability(Evidence(0.0, lead, 0.0)) for lead in (1e6, -1e6)] == [1.0, 0.0]
+    assert [FIT.probability(Evidence(0.0, fit, 0.0)) for fit in (1e6, -1e6)] == [1.0, 0.0]
 
 
 OTHERS = {"temperature": 5.0, "min_score": 0.5, "box_filter": 0.0, "segmentation_threshold": 0.5}
-OTHERS |= {"canonical": ("thing",)}
+OTHERS |= {"canonical": ("thing",), "size_weight": 0.0, "name_weight": 0.0}
 
 
 def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch):
-    row = grades.held_keys(QueryOptions()) | {"intercept": "-1", "size": "2", "lead": "3", "apart": "4"}
+    row = grades.held_keys(QueryOptions()) | {"intercept": "-1", "size": "2", "fit": "3", "apart": "4"}
     row |= {"present_share": "0.4", "misplaced": "0.2"}
     monkeypatch.setattr(grades, "read_fits", lambda: {"cafe": row})
     own = grades.grading_of("cafe", QueryOptions(present_share=0.4))
-    assert own.calibration == Calibration(-1.0, {"size": 2.0, "lead": 3.0, "apart": 4.0}, 0.4)
+    assert own.calibration == Calibration(-1.0, {"size": 2.0, "fit": 3.0, "apart": 4.0}, 0.4)
     # Who asks of nothing that is absent meets the fifth of the errors that is on what is there.
     [sure] = [grades.grading_of("cafe", QueryOptions(present_share=1.0)).calibration]
     assert sure.intercept == pytest.approx(-1.0 + math.log(5))

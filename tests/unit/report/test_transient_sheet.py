@@ -39,7 +39,7 @@ def scene(folder, frames: int, instances: int, moving: int, digests: bool = Fals
         "logit_opacities": np.full(count, 4.0, np.float32),
         "sh": np.tile(np.float32([-1.5, 1.5, -1.5]), (count, 1, 1)),
     }
-    facts = {"levels": ["part", "whole"], "level": "all", "threshold": 0.5, "instances": instances}
+    facts = {"levels": ["part", "whole"], "threshold": 0.5, "instances": instances}
     facts |= {"transient": moving, "masked_share": float(arrays["refined"].mean())}
     facts |= {"camera": asdict(CAMERA), "sh_degree_in_use": 0}
     return put_scene(folder, NAMES, arrays, facts, chained=digests, options=OPTIONS, origin="real")

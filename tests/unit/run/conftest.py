@@ -23,7 +23,7 @@ def pack(archive: Path, folder: Path, inside: str = "") -> Path:
     """Write the files of a folder into a .zip, below ``inside``."""
     with zipfile.ZipFile(archive, "w") as opened:
         for path in sorted(folder.rglob("*")):
-            opened.write(path, f"{inside}{path.relative_to(folder)}")
+            opened.write(path, f"{inside}{path.relative_to(folder)}".replace("/", inside[-1:] or "/"))
     return archive
 
 
@@ -40,14 +40,16 @@ def recording(tmp_path: Path) -> Callable[[str], Path]:
             (home / "mps/slam/closed_loop_trajectory.csv").touch()
             (home / "video.vrs").touch()
             return home / "video.vrs"
-        below = "images" if kind == "nerfstudio" else "in/side" if "nested" in kind else ""
+        below = (
+            "in/side" if "nested" in kind else "images" if kind in ("nerfstudio", "zip of Windows") else ""
+        )
         write_pictures(home / below)
-        if kind == "nerfstudio":
+        if kind in ("nerfstudio", "zip of Windows"):
             frames = [{"file_path": f"images/{number}.png"} for number in range(3)]
             (home / "transforms.json").write_text(json.dumps({"frames": frames}))
         if "zip" in kind:
             (home / "__MACOSX").mkdir()
-            return pack(tmp_path / "photos.zip", home)
+            return pack(tmp_path / "photos.zip", home, "cap\\" * ("Windows" in kind))
         return home
 
     return make

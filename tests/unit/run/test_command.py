@@ -13,7 +13,9 @@ from click.testing import CliRunner
 from egosplat.cli import cli
 from egosplat.cli.scenes import spread
 from egosplat.errors import UserError
+from egosplat.files import alone
 from egosplat.pipeline.home import CONFIG, find_home, make_command
+from egosplat.pipeline.stages import STAGES
 from egosplat.run import command
 from egosplat.run.command import make_scene
 from tests.unit.run.conftest import write_pictures
@@ -49,8 +51,11 @@ def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
     scene = make_scene(tmp_path / "photos", preset="draft", cores=3, options=("frames.stride=2",))
     (words,) = calls
     assert words[:5] == ["snakemake", "--snakefile", str(ROOT / "workflow/Snakefile"), "--cores", "3"]
-    assert words[5:] == ["--config", "preset=draft", "--", "results/mine/photos/scene.html"]
+    names = ("scene.html", *(f"{name}.zarr" for name in STAGES["scene_page"].inputs))
+    assert words[5:] == ["--config", "preset=draft", "--", *(f"results/mine/photos/{name}" for name in names)]
     assert scene.config["frames"]["stride"] == 2
+    with alone(scene.results / ".running", "a scene"), pytest.raises(UserError, match=f"kill {os.getpid()}"):
+        make_scene(tmp_path / "photos")
     assert [str(path) for path in Path(".").rglob("*") if path.is_file()] == ["config/scenes.local.tsv"]
 
 
@@ -58,7 +63,7 @@ def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
     Path("workflow").mkdir()
     shutil.copy(ROOT / "workflow/Snakefile", "workflow")
     make_scene(tmp_path / "photos", name="kitchen")
-    assert "--snakefile" not in calls[0] and calls[0][-1] == "results/mine/kitchen/scene.html"
+    assert "--snakefile" not in calls[0] and "results/mine/kitchen/scene.html" in calls[0]
 
 
 @pytest.mark.parametrize("place", ["Snakefile", "workflow/Snakefile"])
@@ -85,6 +90,8 @@ def test_what_to_ask_is_told_and_the_scene_is_opened_in_the_browser(calls, tmp_p
     run = ["run", str(tmp_path / "photos"), "--name", "home/hall"]
     told = CliRunner().invoke(cli, run).output
     assert "egosplat query results/home/hall " in told and "egosplat view results/home/hall" in told
+    assert " MB; results/home/hall/scene.html" in told
+    assert "'query'" in CliRunner().invoke(cli, ["qurey"]).output
     assert not shown
     assert CliRunner().invoke(cli, [*run, "--open"]).exit_code == 0
     assert shown == [(Path("results/home/hall"), {"browse": True})]
@@ -109,14 +116,14 @@ except KeyboardInterrupt:
 """
 
 
-@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
-def test_snakemake_ends_first_and_once(tmp_path, ending):
+@pytest.mark.parametrize("ending, way", [(signal.SIGINT, "default"), (signal.SIGTERM, "ignore")])
+def test_snakemake_ends_first_and_once(tmp_path, ending, way):
     """Only ``egosplat run`` gets the signal, as from a scheduler; Snakemake then removes what is unfinished."""
     (tmp_path / "pretended.py").write_text(SNAKEMAKE)
     path = os.pathsep.join([str(ROOT / "src"), str(tmp_path)])
-    # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
+    # What a script starts in the background ignores interrupts.
     process = subprocess.Popen(
-        ["env", "--default-signal=INT", sys.executable, "-c", CALLER],
+        ["env", f"--{way}-signal=INT", sys.executable, "-c", CALLER],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": path},
         stdout=subprocess.PIPE,

@@ -20,6 +20,7 @@ from tests.unit.run.conftest import pack, write_pictures
         ("nerfstudio", "plain", "3 pictures with poses", {}),
         ("zip", "plain", "3 pictures", {}),
         ("nested zip", "plain", "3 pictures", {}),
+        ("zip of Windows", "plain", "3 pictures with poses", {}),
         ("glasses", "adt", "a recording of Aria glasses with poses", {"poses.trajectory": "closed_loop"}),
     ],
 )
@@ -42,9 +43,10 @@ def test_an_archive_is_unpacked_once_and_anew_if_it_changes(recording, tmp_path)
     assert not list((tmp_path / "r").glob(".*"))
 
 
-def zipped(name: str) -> bytes:
-    with zipfile.ZipFile(archive := io.BytesIO(), "w") as opened:
-        opened.writestr(name, b"x")
+def zipped(*names: str, content: bytes = b"x") -> bytes:
+    with zipfile.ZipFile(archive := io.BytesIO(), "w", zipfile.ZIP_DEFLATED) as opened:
+        for name in names:
+            opened.writestr(name, content)
     return archive.getvalue()
 
 
@@ -66,6 +68,10 @@ def zipped(name: str) -> bytes:
         ("a.zip", "a.zip", b"PK not an archive", "a.zip: cannot be unpacked"),
         ("a.zip", "a.zip", zipped("../../evil.png"), "evil.png: "),
         ("a.zip", "a.zip", zipped("notes.txt"), "has no png, jpg or jpeg image"),
+        ("a.zip", "a.zip", zipped("a/0.png", "..\\a\\0.png"), "holds a/0.png twice"),
+        ("a.zip", "a.zip", zipped("a", "a/0.png"), "a.zip: cannot be unpacked"),
+        ("a.zip", "a.zip", zipped("0.png", content=bytes(10**6)), "unpacks to more than 100 times its size"),
+        ("DCIM", "DCIM/keyframes/cameras/1.json", b"x", "ns-process-data polycam --data "),
     ],
 )
 def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, content, said):
@@ -79,6 +85,14 @@ def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, conte
         read_source(Path(given), Path("results/recording"))
     assert said in str(caught.value)
     assert all("recording-" in str(path) for path in tmp_path.rglob("evil.png")), "none outside"
+
+
+@pytest.mark.parametrize("name, told", [("transforms_train.json", "cp "), ("metadata.json", "nerfstudio's")])
+def test_poses_that_are_not_read_are_told(tmp_path, capsys, name, told):
+    write_pictures(folder := tmp_path / "capture/images")
+    (path := folder.with_name(name)).write_text('{"poses": [], "frames": []}')
+    read_source(folder, tmp_path / "r")
+    assert f"{path}: these poses are not read; {told}" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

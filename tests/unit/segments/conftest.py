@@ -12,7 +12,7 @@ from egosplat.segments.video import Video
 
 FRAMES, HEIGHT, WIDTH = 5, 40, 56
 VALID = np.ones((HEIGHT, WIDTH), bool)
-OPTIONS = SegmentsOptions(points_per_side=4, min_area=0.001, merge_iou=0.9, min_frames=1)
+OPTIONS = SegmentsOptions(points_per_side=4, min_area=0.001, min_frames=1)
 
 
 @pytest.fixture(scope="module")

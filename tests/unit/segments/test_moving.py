@@ -21,7 +21,7 @@ from egosplat.segments.video import LabelMaps, Segmented, Track
 from tests.support.scenes import put
 from tests.unit.segments.conftest import FRAMES, HEIGHT, OPTIONS, VALID, WIDTH, video_of
 
-OPTIONS = OPTIONS.change(key_frame_stride=2, max_instances=3, lost_track_stride=2)
+OPTIONS = OPTIONS.change(key_frame_stride=2, max_instances=3)
 TRAINING = np.array([0, 1, 3, 4])
 PROMPTED = [0, 3]
 pytestmark = pytest.mark.usefixtures("all_masks", "few_key_frames")
@@ -85,7 +85,7 @@ def test_tracks_start_where_something_moves_and_go_both_ways(sam2, images):
 
 def test_a_track_is_lost_where_nothing_moves_and_found_again(sam2, images):
     """The mask of a frame in which it rests is neither labeled nor remembered."""
-    found = tracker(sam2, images, probability(0, 1, 3, 4), OPTIONS.change(lost_track_stride=1)).run()
+    found = tracker(sam2, images, probability(0, 1, 3, 4), OPTIONS).run()
     assert labeled(found) == [True, True, False, True, True]
 
 

@@ -111,26 +111,24 @@ def steps(sam2, encoded, monkeypatch):
 
 
 def test_lost_objects_are_searched_only_every_stride_frames(steps):
-    """Object 1 is lost after frame 2 and visible again from frame 5: it is found in the next searched frame."""
-    searched, seen, _ = steps(lambda each, frame: each == 0 or not 2 < frame < 5, 7, lost_track_stride=2)
-    assert searched[3] == [0, 1] and searched[4] == [0, 1], "it is searched for two frames after it is lost"
-    assert searched[5] == [0] and searched[6] == [0, 1], "then every second frame"
-    assert seen[5] == [True, False] and seen[6] == [True, True], "it is found in the first searched frame"
-    assert searched[7] == [0, 1]
+    """Object 1 is lost after frame 2 and visible again from frame 7: it is found in the next searched frame."""
+    searched, seen, _ = steps(lambda each, frame: each == 0 or not 2 < frame < 7, 10, lost_tracks_end=True)
+    assert all(searched[frame] == [0, 1] for frame in (3, 4, 5)), "for three frames after it is lost"
+    assert [frame for frame in (6, 7, 8, 9) if searched[frame] == [0, 1]] == [6, 9], "then every third frame"
+    assert seen[8] == [True, False] and seen[9] == [True, True] and searched[10] == [0, 1]
 
 
-@pytest.mark.parametrize(("ends", "frames"), [(True, [1, 2, 3, 6]), (False, [1, 2, 3, 6, 9, 10, 11])])
+@pytest.mark.parametrize(("ends", "frames"), [(True, [1, 2, 3, 6]), (False, [*range(1, 12)])])
 def test_lost_objects_end_when_the_memory_does(steps, sam2, ends, frames):
     """An object that is lost from frame 1 on and visible again from frame 9 is found only if its track has no end."""
     assert sam2.video_predictor.max_obj_ptrs_in_encoder == 8
-    changes = {"lost_track_stride": 3, "lost_tracks_end": ends}
-    searched, seen, ended = steps(lambda each, frame: frame >= 9, 11, **changes)
+    searched, seen, ended = steps(lambda each, frame: frame >= 9, 11, lost_tracks_end=ends)
     assert [*searched] == frames and any(seen[11]) != ends and ended == ends
 
 
 def test_absent_objects_do_not_change_the_tracked_ones(sam2, encoded):
     with sam2.compute.inference():
-        propagator = Propagator(sam2, encoded.__getitem__, FRAMES, lost_track_stride=10)
+        propagator = Propagator(sam2, encoded.__getitem__, FRAMES, lost_tracks_end=True)
         both, alone = (propagator.begin(0, [0, 1][:count], logits()[:count]) for count in (2, 1))
         # The second object counts as lost: the first must be propagated as if alone.
         both.unseen = torch.tensor([0.0, 10.0])

@@ -17,7 +17,7 @@ from egosplat.segments.propagation import Group
 from egosplat.segments.tracker import Tracker
 from tests.unit.segments.conftest import HEIGHT, OPTIONS, VALID, WIDTH, video_of
 
-OPTIONS = OPTIONS.change(max_instances=6, prompting="initial_frame", lost_track_stride=1)
+OPTIONS = OPTIONS.change(max_instances=6, prompting="initial_frame")
 FRAMES = 4
 pytestmark = pytest.mark.usefixtures("all_masks")
 

@@ -27,16 +27,16 @@ def overlaps(*frames: dict[int, tuple[int, int]]) -> Overlaps:
 def test_instances_that_overlap_in_their_common_frames_are_the_same():
     found = overlaps(
         {0: (0, 10), 1: (12, 20)},
-        {0: (0, 10), 1: (12, 20), 4: (1, 10)},
-        {0: (0, 10), 4: (0, 9)},
+        {0: (0, 10), 1: (12, 20), 4: (1, 10), 5: (0, 6)},
+        {0: (0, 10), 4: (0, 9), 5: (0, 6)},
         {0: (0, 0), 4: (0, 9)},
     )
-    assert found.same(0.8, 4) == [(0, 4)] and found.same(0.95, 4) == []
+    assert found.same(4) == [(0, 4)]
 
 
 def test_one_common_frame_suffices_only_in_a_video_of_one_frame():
     found = overlaps({0: (0, 10), 1: (0, 10)}, {})
-    assert found.same(0.5, 30) == [] and found.same(0.5, 1) == [(0, 1)]
+    assert found.same(30) == [] and found.same(1) == [(0, 1)]
 
 
 def test_pairs_within_a_set_are_not_counted_between_two_sets():
@@ -44,7 +44,7 @@ def test_pairs_within_a_set_are_not_counted_between_two_sets():
     for _ in range(2):
         found.add(*later, *earlier)
         found.add(*earlier, *later)
-    assert found.same(0.5, 10) == [(0, 5), (0, 6)]
+    assert found.same(10) == [(0, 5), (0, 6)]
 
 
 @pytest.mark.parametrize(

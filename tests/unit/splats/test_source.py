@@ -121,7 +121,11 @@ BAD = {
     "no end of the header": (lambda one: b"ply\nformat ascii 1.0\n", "not a readable PLY"),
     "packed, cut off": (lambda one: packed_ply(one)[:-99], "not a readable packed file.*uncompressed .ply"),
     "no Gaussian": (lambda one: ply(gsplat_columns(one.select(one.means[:, 0] > 1e9))), "no Gaussian"),
-    "nothing finite": (edited(x=np.nan), "none of 40 Gaussians"),
+    "nothing finite": (edited(x=np.nan), "none of 80 Gaussians"),
+    "no rotations": (edited(rot_0=0, rot_1=0, rot_2=0, rot_3=0), "80 with rot of length 0"),
+    "e^100": (edited(scale_1=100.0), r"80 with scales over e\^88"),
+    "shares": (edited(opacity=0.9), "opacity.*no logits"),
+    "lengths": (edited(scale_0=0.01, scale_1=0.02, scale_2=0.01), "scale_0.*no logarithms"),
     "spz 1": (header(1), "version 1; versions 2 to 4"),
     "spz 9": (header(9), "version 9; versions 2 to 4"),
     "spz, cut off": (
@@ -138,7 +142,7 @@ BAD = {
 @pytest.mark.parametrize("kind", BAD)
 def test_other_files_are_named_with_what_helps(trained, tmp_path, kind):
     make, said = BAD[kind]
-    path = write(tmp_path / "scene.ply", make(trained))
+    path = write(tmp_path / "scene.ply", make(trained.select(torch.arange(80) % 40)))
     with pytest.raises(UserError, match=said) as raised:
         read_source(path)
     assert str(raised.value).startswith(str(path)) and len(str(raised.value).splitlines()) == 1

@@ -80,7 +80,7 @@ def test_masks_that_leave_no_pixel_are_named(scene, pictures, hides):
 
 
 def test_a_killed_run_resumes_to_the_same_gaussians_if_its_options_are_the_same(scene, monkeypatch, capsys):
-    folder, keys = scene(), {"background": "random"}
+    folder, keys = scene(), {"recipe": "paper"}
     unbroken = {seed: run(folder, f"{seed}.zarr", seed=seed, **keys).digest for seed in (0, 7)}
     monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
     save, written = stage.Checkpoint.save_if_due, folder / ".splats.zarr.checkpoint" / "state"

@@ -36,9 +36,7 @@ def views(pictures) -> Views:
     return Views(frames, torch.from_numpy(pictures), poses, None, None, CAMERA, torch.device("cpu"))
 
 
-OPTIONS = TransientOptions(
-    iterations=12, warmup=0, transient_penalty=0.05, penalty_unit="absolute", residual="mean", lr=3e-3
-)
+OPTIONS = TransientOptions(iterations=12, warmup=0, transient_penalty=0.15, recipe="paper", lr=3e-3)
 
 
 def make_objective(**changes: object) -> InitialObjective:

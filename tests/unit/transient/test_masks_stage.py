@@ -12,8 +12,6 @@ from egosplat.transient import masks_stage
 from tests.support.scenes import put
 
 SIZE, FRAME_COUNT = 32, 6
-# The paper's rule alone: whole instances by their mean probability.
-OFF = {"stands_out": 0.0, "pixel_probability": 0.0, "max_share": 1.0}
 
 
 def predict(folder: Path, probability: np.ndarray, inputs: dict[str, str] | None = None, **more: np.ndarray):
@@ -36,8 +34,8 @@ def predicted(folder: Path) -> Path:
 
 
 def run(folder: Path, **keys: object):
-    """The verified artifact."""
-    stage_keys = {"threshold": 0.25, "level": "all"} | OFF | keys
+    """The verified artifact, by default by the paper's rule: whole instances by their mean probability."""
+    stage_keys = {"threshold": 0.25, "recipe": "paper"} | keys
     inputs = (folder / f"{name}.zarr" for name in ("frames", "transient", "instances"))
     masks_stage.run(*inputs, folder / "masks.zarr", masks_stage.MasksOptions(**stage_keys))
     return verify(folder / "masks.zarr", SCHEMAS)
@@ -84,18 +82,19 @@ def test_inputs_of_other_frames_are_rejected(scene, width, inputs):
 
 
 @pytest.mark.parametrize(
-    ("rows", "stands_out", "changes", "masked"),
+    ("rows", "recipe", "changes", "masked"),
     [
-        (8, 0.5, {}, True),
-        (1, 0.5, {}, False),
-        (1, 0.0, {}, True),
+        (8, "own", {}, True),
+        (1, "own", {}, False),
+        (1, "paper", {}, True),
         # What was not measured decides nothing, as with an absolute penalty.
-        (0, 1.0, {"residual_scale": np.full(FRAME_COUNT, np.nan, np.float32)}, True),
-        (0, 1.0, {"compared": np.zeros((SIZE, SIZE), bool)}, True),
+        (0, "own", {"residual_scale": np.full(FRAME_COUNT, np.nan, np.float32)}, True),
+        (0, "own", {"compared": np.zeros((SIZE, SIZE), bool)}, True),
     ],
 )
-def test_an_instance_that_looks_static_is_not_masked(scene, rows, stands_out, changes, masked):
+def test_an_instance_that_looks_static_is_not_masked(scene, monkeypatch, rows, recipe, changes, masked):
     """A square that the network calls transient, and of which a share stands out."""
+    monkeypatch.setattr(masks_stage, "MAX_SHARE", 1.0)
     folder = scene()
     square = labels_of(folder) == 0
     arrays = {
@@ -103,17 +102,18 @@ def test_an_instance_that_looks_static_is_not_masked(scene, rows, stands_out, ch
         "residual_scale": np.full(FRAME_COUNT, 0.01, np.float32),
         "compared": np.ones((SIZE, SIZE), bool),
     }
-    masks = run(predict(folder, np.where(square, 0.9, 0.0), **arrays | changes), stands_out=stands_out)
+    masks = run(predict(folder, np.where(square, 0.8, 0.0), **arrays | changes), recipe=recipe)
     assert masks.read("instances/transient")[0] == masks.read("refined").any() == masked
     assert masked or 0 < masks.read("instances/stands_out")[0] < 0.5
 
 
-def test_a_pixel_that_the_network_calls_static_is_not_masked(scene):
+def test_a_pixel_that_the_network_calls_static_is_not_masked(scene, monkeypatch):
+    monkeypatch.setattr(masks_stage, "MAX_SHARE", 1.0)
     folder = scene()
     made = labels_of(folder) == 0
     probability = np.where(made, 0.5, 0.0)
     probability[0] = 0.0
-    masks = run(predict(folder, probability), pixel_probability=0.5)
+    masks = run(predict(folder, probability), recipe="own")
     assert not masks.read("refined")[0].any() and (masks.read("refined")[1:] == made[1:]).all()
 
 
@@ -126,25 +126,25 @@ def test_masks_that_are_merged_in_3d_are_not_masked(scene):
 
 
 @pytest.mark.parametrize(
-    ("probability", "max_share", "reason"),
-    [(0.51, 0.5, "probability"), (0.49, 0.5, "instances"), (0.49, 1.0, None)],
+    ("probability", "recipe", "reason"),
+    [(0.51, "own", "probability"), (0.49, "own", "instances"), (0.49, "paper", None)],
 )
-def test_nothing_is_masked_where_half_is_transient(scene, probability, max_share, reason):
+def test_nothing_is_masked_where_half_is_transient(scene, probability, recipe, reason):
     """A network that failed masks nothing instead of half of the scene, and the artifact says why."""
     folder = predict(scene(), np.full((FRAME_COUNT, SIZE, SIZE), probability))
-    masks = run(folder, threshold=0.45, max_share=max_share)
+    masks = run(folder, threshold=0.45, recipe=recipe)
     assert masks.facts["withheld"] == reason
     assert masks.read("refined").any() == masks.read("instances/transient").any() == (reason is None)
 
 
-@pytest.mark.parametrize("sure_probability", [None, 0.4])
-def test_pixels_that_a_frame_leaves_out_say_nothing_of_an_instance(scene, pictures, sure_probability):
+@pytest.mark.parametrize("recipe", ["own", "paper"])
+def test_pixels_that_a_frame_leaves_out_say_nothing_of_an_instance(scene, pictures, recipe):
     """The square is transient where its own masks hide it alone: it is not transient, and not masked again."""
     hidden = (pictures == 255).all(axis=-1)
     hidden[:, :, 16:] = False
     made = scene(masked=hidden)
     predict(made, np.where(hidden, 1.0, np.where(labels_of(made) == 0, 0.1, 0.0)))
-    masks = run(made, sure_probability=sure_probability)
+    masks = run(made, recipe=recipe)
     assert masks.read("instances/score")[0] == pytest.approx(0.1, abs=1e-3)
     assert not masks.read("refined").any()
     assert masks.facts["mean_probability"] < 0.02

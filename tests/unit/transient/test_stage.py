@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
-KEYS = {"iterations": 12, "input_size": 64, "resolution": 32, "max_gaussians": 80}
+KEYS = {"iterations": 12, "input_size": 64, "resolution": 32}
 
 
 def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, **changes: object):
@@ -25,7 +25,7 @@ def run(folder: Path, name: str = "transient.zarr", survey: Path | None = None, 
 
 def test_artifact_holds_the_expected_facts_and_inputs_and_the_network(scene):
     folder = scene(registered=np.arange(6) != 5)
-    transient = run(folder, batch_norm="eval")
+    transient = run(folder, recipe="paper")
     assert transient.origin == "synthetic"
     assert set(transient.provenance["inputs"]) == {"frames.zarr", "poses.zarr"}
     assert transient.facts["views"] == 4 and transient.facts["working_size"] == [32, 32]
@@ -70,7 +70,7 @@ def test_poses_and_exposure_are_corrected_here_too(scene):
 
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
     folder = scene()
-    expected = run(folder, "unbroken.zarr", background="random").digest
+    expected = run(folder, "unbroken.zarr").digest
     save = Checkpoint.save_if_due
 
     def stop(self, state):
@@ -80,8 +80,8 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(Checkpoint, "save_if_due", stop)
         patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
-        run(folder, background="random")
-    assert run(folder, background="random").digest == expected
+        run(folder)
+    assert run(folder).digest == expected
     assert "resumes after iteration 10" in capsys.readouterr().err
     assert not (folder / ".transient.zarr.checkpoint").exists()
 

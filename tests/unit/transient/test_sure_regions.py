@@ -73,13 +73,14 @@ def test_a_region_without_a_track_is_masked(scene):
     assert found.facts["masked_by_regions"] == pytest.approx(refined.mean()) and not found.facts["transient"]
 
 
-def test_a_track_with_holes_is_filled(scene):
+def test_a_track_with_holes_is_filled(scene, monkeypatch):
     """The track is seen in frames 0 and 5 alone, as SAM2's tracks of real hands are."""
+    monkeypatch.setattr(masks_stage, "MAX_SHARE", 1.0)
     seen = HAND & np.isin(np.arange(FRAME_COUNT), (0, 5))[:, None, None]
     made = instances(seen, moving=True, masks=2)
-    refined = masked(scene, HAND, made, {"max_share": 1.0}).read("refined")
+    refined = masked(scene, HAND, made).read("refined")
     assert all(is_most_of(refined[row], HAND[row]) for row in (0, 1, 2, 4, 5))
-    alone = masked(scene, HAND, made, {"max_share": 1.0, "sure_probability": None}).read("refined")
+    alone = masked(scene, HAND, made, {"recipe": "paper"}).read("refined")
     assert (alone == seen).all()
 
 
@@ -112,9 +113,10 @@ def test_an_instance_that_the_network_is_wrong_about_is_not_masked(scene):
 
 
 @pytest.mark.parametrize(("columns", "expected"), [(10, True), (4, True), (3, False)])
-def test_a_track_that_looks_static_is_not_masked(scene, columns, expected):
+def test_a_track_that_looks_static_is_not_masked(scene, monkeypatch, columns, expected):
+    monkeypatch.setattr(masks_stage, "MAX_SHARE", 1.0)
     made, stands_out = instances(PATCH, moving=True, masks=1), PATCH & (np.arange(SIZE) < 8 + columns)
-    found = masked(scene, PATCH, made, {"max_share": 1.0}, stands_out=stands_out)
+    found = masked(scene, PATCH, made, stands_out=stands_out)
     assert found.read("refined").any() == expected and not found.facts["withheld"]
 
 

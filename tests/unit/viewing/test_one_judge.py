@@ -55,7 +55,7 @@ def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
         assert (reply["grade"], reply["why"]) == (page["grade"], page["why"]), word
         assert [one["frame"] for one in reply["things"]] == frames
         # Words that are asked together round differently.
-        assert reply["rating"] == pytest.approx(page["rating"], rel=1e-4)
+        assert reply["rating"] == pytest.approx(page["rating"], abs=1e-4)
         boxes = rerun_recording._boxes(SimpleNamespace(Boxes3D=dict), answer)
         np.testing.assert_array_equal(boxes["centers"], [thing.center for thing in answer.things])
         if answer.refusal:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import empty_grid, plt, split_page
-from egosplat.features.aggregation import disagreement
+from egosplat.features.aggregation import MAD_K, disagreement
 from egosplat.features.crops import cut_crop
 from egosplat.images import evenly_spaced
 from egosplat.language.vectors import unit
@@ -25,8 +25,6 @@ OFTEN = 0.5
 # What the number above each crop is, by ``features.mad_norm``; it decides whether the view is an outlier.
 NUMBERS = {
     "element": "the share of feature channels that disagree with the other views",
-    "euclidean": "its distance to the median of all views",
-    "cosine": "1 - its cosine to the median of all views",
     "none": "no number, because every view counts",
 }
 
@@ -54,7 +52,7 @@ def run(
     return figure, (
         f"crops encoded by {encoder}, origin {features.origin}\n"
         f"{len(owner)} views of {len(np.unique(owner))} instances, {facts['outliers']} outliers (MAD {norm}, "
-        f"k = {features.provenance['options']['mad_k']:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
+        f"k = {MAD_K:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
     )
 
 
@@ -101,7 +99,7 @@ def _draw_instance(
 ) -> None:
     """Draw the views of an instance, which have these rows, below its name, each with its frame and the number that decides."""
     options, inlier = features.provenance["options"], features.read("inlier")[rows]
-    values, limit = disagreement(views.read("feature")[rows], options["mad_norm"], options["mad_k"])
+    values, limit = disagreement(views.read("feature")[rows], options["mad_norm"], MAD_K)
     struck = "" if inlier.all() else f", struck out above {limit:.2f}"
     caption = f"{name}: {len(rows)} views, {int((~inlier).sum())} outliers{struck}"
     strip.suptitle(caption, fontsize=10, x=0.01, ha="left")

@@ -194,8 +194,7 @@ def ask_again(
         for query, answer in zip(in_frame, answers, strict=True):
             place = asked[frame, query.category]
             target = read_layers(evaluation.annotations, place.row, evaluation.valid), place.instances["all"]
-            boxes = bounding_boxes(*target)[: None if options.hit_region == "box" else 0]
-            yield ShownQuery(query, photograph, view, mask_of(*target), boxes, answer)
+            yield ShownQuery(query, photograph, view, mask_of(*target), bounding_boxes(*target), answer)
 
 
 def summary(document: Mapping[str, Any]) -> str:
@@ -210,9 +209,8 @@ def summary(document: Mapping[str, Any]) -> str:
         interval = f" ({bounds})" if bounds else ""
         scores.append(f"{name} {100 * score[key]:.1f} %{interval}")
     chance = ", ".join(f"{name} {100 * score[key]:.1f} %" for key, name in CHANCE.items())
-    boxes = ", dashed: their boxes" if document["provenance"]["options"]["hit_region"] == "box" else ""
     return (
-        f"{count} queries; {', '.join(scores)}; chance: {chance}; {about}\nwhite: annotated instances{boxes}; "
+        f"{count} queries; {', '.join(scores)}; chance: {chance}; {about}\nwhite: annotated instances, dashed: their boxes; "
         "colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel, green for a hit, red for a miss"
     )
 

@@ -30,8 +30,8 @@ LABELS = 4
 # Width of an image, and height of the chart [inches].
 CELL, CHART = 2.9, 2.6
 
-# Colors of transient instances, of static ones, and of those above the threshold at a level that is not used.
-MASKED, STATIC, OTHER_LEVEL = "crimson", "0.7", "lightpink"
+# Colors of transient instances, of static ones, and of those above the threshold that are not masked.
+MASKED, STATIC, LEFT_OUT = "crimson", "0.7", "lightpink"
 
 # Opacity of the heat map.
 HEAT = 0.75
@@ -80,7 +80,7 @@ def run(
     return figure, (
         f"{facts['transient']} of {facts['instances']} instances are transient, {facts['masked_share']:.1%} of all "
         f"pixels; origin {masks.origin}\n"
-        f"an instance is transient if its score is {facts['threshold']:g} or more (levels: {facts['level']}); "
+        f"an instance is transient if its score is {facts['threshold']:g} or more; "
         f"the Gaussians were trained on {trained_on.get(masking, 'the unmasked pixels')}"
     )
 
@@ -120,7 +120,7 @@ def _draw_scores(axes: Axes, masks: Artifact) -> None:
     above = scores >= threshold
     groups = {
         "transient": (moves, MASKED),
-        "at a level that is not used": (~moves & above, OTHER_LEVEL),
+        "above the threshold, not masked": (~moves & above, LEFT_OUT),
         "static": (~moves & ~above, STATIC),
     }
     for label, (chosen, color) in groups.items():

@@ -1,22 +1,28 @@
 // Answers of the whole scene: egosplat/query/relevancy.py and things.py on the palette.
 
-// Relevancy of each palette entry of each level: sigmoid(t (s_q - max_c s_c)).
-function paletteRelevancy(scene, vector) {
-  const { channels, paletteSize, facts } = scene;
-  scene.canonicalFit ??= scene.palette.map((entries) => bestFits(entries, scene.canonical, channels, paletteSize));
-  return scene.palette.map((entries, level) =>
-    Float32Array.from({ length: paletteSize }, (_, entry) => {
-      if (Number.isNaN(scene.canonicalFit[level][entry])) return 0;
-      const fit = dot(entries, entry * channels, vector) - scene.canonicalFit[level][entry];
-      return 1 / (1 + Math.exp(-facts.query.temperature * fit));
-    }));
+// Relevancy of each palette entry of each level to a phrase: sigmoid(t (s_q - u)), of what competes with it.
+function paletteRelevancy(scene, vector, phrase) {
+  const { channels, paletteSize, facts: { query } } = scene, isOther = otherMeanings(scene, phrase, vector);
+  scene.competing ??= scene.palette.map((entries) => ({
+    usual: fitsOf(entries, scene.canonical, channels, paletteSize).map((fits) => Math.max(...fits)),
+    named: query.name_weight ? fitsOf(entries, scene.wordVectors, channels, paletteSize) : null,
+  }));
+  return scene.palette.map((entries, level) => {
+    const { usual, named } = scene.competing[level];
+    return Float32Array.from({ length: paletteSize }, (_, entry) => {
+      if (Number.isNaN(usual[entry])) return 0;
+      const best = named ? named[entry].reduce((most, fit, word) => (isOther[word] && fit > most ? fit : most), usual[entry]) : usual[entry];
+      const fit = dot(entries, entry * channels, vector) - usual[entry] - query.name_weight * (best - usual[entry]);
+      return 1 / (1 + Math.exp(-query.temperature * fit));
+    });
+  });
 }
 
-// NaN for an entry without a feature.
-function bestFits(entries, vectors, channels, size) {
-  return Float64Array.from({ length: size }, (_, entry) => {
-    const feature = entries.subarray(entry * channels, (entry + 1) * channels);
-    return feature.some((value) => value !== 0) ? Math.max(...vectors.map((vector) => dot(feature, 0, vector))) : NaN;
+// How vectors fit each entry; NaN for one without a feature.
+function fitsOf(entries, vectors, channels, size) {
+  return Array.from({ length: size }, (_, entry) => {
+    const feature = entries.subarray(entry * channels, (entry + 1) * channels), has = feature.some((value) => value !== 0);
+    return vectors.map((vector) => (has ? dot(feature, 0, vector) : NaN));
   });
 }
 
@@ -27,11 +33,29 @@ function dot(values, from, vector) {
 }
 
 // Relevancy of each Gaussian at each level; 0 where it has no code or no frame shows it.
-function gaussianRelevancy(scene, ofEntries) {
-  return ofEntries.map((relevancy, level) => {
-    const index = scene.codeIndex[level], weight = scene.weights[level];
-    return Float32Array.from({ length: scene.count }, (_, one) => (weight[one] > 0 ? relevancy[index[one]] : 0));
+function gaussianRelevancy(scene, vector, phrase) {
+  const told = sizesTell(scene, phrase);
+  return paletteRelevancy(scene, vector, phrase).map((entries, level) => {
+    const weight = scene.weights[level], fit = relevancyAt(scene, entries, level, told);
+    return Float32Array.from({ length: scene.count }, (_, one) => (weight[one] > 0 ? fit(one) : 0));
   });
+}
+
+// What the size of each instance adds to the log-odds of a phrase, by the longest of its ends with a size: egosplat/query/sizes.py.
+function sizesTell(scene, phrase) {
+  const words = phrase.toLowerCase().split(/\s+/u);
+  const ends = words.map((_, first) => scene.facts.size_words.indexOf(words.slice(first).join(" ")));
+  return scene.sizeOdds?.[ends.find((row) => row >= 0)];
+}
+
+// The relevancy of a Gaussian at a level, of those of the palette's entries, and what sizes tell.
+function relevancyAt(scene, entries, level, told) {
+  const index = scene.codeIndex[level], instance = scene.instance?.[level];
+  if (!told) return (one) => entries[index[one]];
+  return (one) => {
+    const fit = entries[index[one]];
+    return fit > 0 ? fit / (fit + (1 - fit) * Math.exp(-told[instance[one]])) : 0;
+  };
 }
 
 // The things that match best, by decreasing score.
@@ -106,7 +130,6 @@ function measured(scene, values, members, level) {
   const box = scene.facts.query.box_filter ** 2;
   return {
     members, level,
-    relevancy: fit / total,
     share: shown[view],
     score: ((fit / total) * shown[view]) / (shown[view] + box),
     frame: scene.views[view].frame,
@@ -163,26 +186,13 @@ function otherMeanings(scene, phrase, vector) {
 }
 
 // Grades: egosplat/query/grades.py. What a thing is graded by is its probability, or without a calibration its score.
-function ratingOf(scene, thing, things, others) {
+function ratingOf(scene, thing, things) {
   const { calibration } = scene.facts.query;
   if (!calibration) return thing.score;
-  const fits = others.map((isOther, number) => (isOther ? logOdds(wordFit(scene, thing, number)) : -Infinity));
-  const best = Math.max(...fits), fit = logOdds(thing.relevancy);
   const next = Math.max(0, ...things.filter((other) => other !== thing).map((other) => other.score));
-  const evidence = { apart: thing.score - next, size: Math.log(Math.max(thing.share, 1e-9)), lead: fit - (best > -Infinity ? best : 0) };
+  const evidence = { apart: thing.score - next, size: Math.log(Math.max(thing.share, 1e-9)), fit: logOdds(thing.score) };
   const sum = Object.entries(calibration.weights).reduce((part, [name, weight]) => part + weight * evidence[name], calibration.intercept);
   return 1 / (1 + Math.exp(-sum));
-}
-
-// Mean relevancy of a thing's Gaussians to a word of the page's list.
-function wordFit(scene, thing, number) {
-  const relevancy = wordRelevancy(scene, number)[thing.level], index = scene.codeIndex[thing.level], weight = scene.weights[thing.level];
-  let sum = 0, total = 0;
-  for (const one of thing.members) {
-    sum += weight[one] * relevancy[index[one]];
-    total += weight[one];
-  }
-  return sum / total;
 }
 
 function logOdds(p) {
@@ -196,9 +206,9 @@ function gradeOf(scene, rating) {
 }
 
 // The verdict on a phrase that is not on the page's list, where no server judges it: egosplat/query/grades.py on the page's data.
-function judge(scene, neighbors, relevancy, phrase, vector) {
-  const things = findThings(scene, neighbors, relevancy, 3), [best] = things, others = otherMeanings(scene, phrase, vector);
-  for (const thing of things) thing.rating = ratingOf(scene, thing, things, others);
+function judge(scene, neighbors, relevancy) {
+  const things = findThings(scene, neighbors, relevancy, 3), [best] = things;
+  for (const thing of things) thing.rating = ratingOf(scene, thing, things);
   const grade = best ? gradeOf(scene, best.rating) : "not found", { min_score, calibration } = scene.facts.query;
   const shown = grade === "not found" ? [] : things.filter((thing) => gradeOf(scene, thing.rating) === grade);
   const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
@@ -320,9 +330,9 @@ async function answerName(scene, tower, neighbors, name) {
     const named = [...new Set(untaught)].map((word) => `"${word}"`);
     return refused(name, `The models here were never taught the word${named.length > 1 ? "s" : ""} ${named.join(", ")}. ${suggest(scene.facts, phrase, untaught)}`.trim());
   }
-  const vector = tower.encode(tokens), relevancy = gaussianRelevancy(scene, paletteRelevancy(scene, vector));
+  const vector = tower.encode(tokens), relevancy = gaussianRelevancy(scene, vector, phrase);
   scene.heated = performance.now();
-  return { ...judge(scene, await neighbors, relevancy, phrase, vector), name, vector, relevancy, history: historyOf(scene, phrase, vector) };
+  return { ...judge(scene, await neighbors, relevancy), name, vector, relevancy, history: historyOf(scene, phrase, vector) };
 }
 
 const refused = (name, why) => ({ name, why, grade: "not asked", things: [], history: [] });

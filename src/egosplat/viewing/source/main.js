@@ -241,7 +241,7 @@ class Page {
     if (question !== this.questions) return null;
     const told = this.tell(typed, answers), { vector, things: [best] } = told;
     this.mark = best?.center ? { point: best.center, text: this.markOf(told.name, best, told) } : null;
-    const relevancy = told.relevancy ?? (vector ? gaussianRelevancy(this.scene, paletteRelevancy(this.scene, vector)) : ofInstances(this.scene, told.things));
+    const relevancy = told.relevancy ?? (vector ? gaussianRelevancy(this.scene, vector, told.name) : ofInstances(this.scene, told.things));
     this.answerTime = performance.now() - begun;
     this.heatTime = told.relevancy ? this.scene.heated - begun : this.answerTime;
     $("heat").hidden = !relevancy;

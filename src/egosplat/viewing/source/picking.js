@@ -47,10 +47,11 @@ function alphaAt(scene, camera, focal, [width, height], one, [u, v, z], x, y, ra
   return Math.min(scene.opacities[one] * Math.exp(-sigma), raster.most_alpha);
 }
 
-// Relevancy of the palette to a word of the page's list, computed once.
+// Relevancy of a Gaussian to a word of the page's list, for each level; that of the palette is computed once.
 function wordRelevancy(scene, number) {
   scene.wordRelevancy ??= [];
-  return (scene.wordRelevancy[number] ??= paletteRelevancy(scene, scene.wordVectors[number]));
+  return (scene.wordRelevancy[number] ??= paletteRelevancy(scene, scene.wordVectors[number], scene.facts.words[number]).map((entries, level) =>
+    relevancyAt(scene, entries, level, sizesTell(scene, scene.facts.words[number]))));
 }
 
 // The words that fit what a pixel shows, best first, each at the level where it fits best; and its instances.
@@ -61,11 +62,11 @@ function describe(scene, found) {
 }
 
 function bestLevel(scene, hits, relevancy) {
-  const fits = relevancy.map((entries, level) => {
+  const fits = relevancy.map((of, level) => {
     let fit = 0, total = 0;
     for (const { one, weight } of hits) {
       const share = (weight * scene.codeShare[level][one]) / 255;
-      fit += share * entries[scene.codeIndex[level][one]];
+      fit += share * of(one);
       total += share;
     }
     return total > 0 ? fit / total : 0;

@@ -15,6 +15,7 @@ function buildScene({ facts, arrays }) {
     bands: rows(values("bands"), 3 * facts.bands, drawn, (byte) => (byte / 127) * facts.band_limit),
     codeIndex: split(values("code_index"), levels, count),
     codeShare: split(values("code_share"), levels, count),
+    sizeOdds: arrays.size_odds ? split(values("size_odds"), facts.size_words.length, arrays.size_odds.shape[1]) : null,
     instance: arrays.instance ? split(values("instance"), levels, count) : null,
     palette: split(values("palette"), levels, values("palette").length / levels),
     paletteSize: arrays.palette.shape[1],

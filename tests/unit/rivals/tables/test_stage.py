@@ -252,8 +252,8 @@ def test_scores_without_a_table_are_reported_and_tables_have_one_protocol_and_a_
     assert all(f"no table shows {place}" in told for place in ("plain/room", "adt/scene9", "adt/scene2"))
     assert not any("synthetic" in set(table.kind) for table in found.values())
     first = scored("adt/scene1")
-    tables(first, scored("hoi4d/scene1", options={"hit_region": "mask"}))
-    for key, value in (("hit_region", "mask"), ("people", True)):
+    tables(first, scored("hoi4d/scene1", options={"masks": "classes"}))
+    for key, value in (("masks", "classes"), ("people", True)):
         with pytest.raises(UserError, match=f"scene2/metrics.json.* metrics.{key} = .?{value}"):
             tables(first, scored("adt/scene2", options={key: value}))
     with pytest.raises(UserError, match="the same"):

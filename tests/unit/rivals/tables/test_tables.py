@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from egosplat.evaluation.intervals import RESAMPLING, clustered_interval
+from egosplat.evaluation.intervals import clustered_interval
 from egosplat.evaluation.queries import GROUPS
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import Cell, ScoredScene
@@ -106,7 +106,7 @@ def test_an_average_is_over_the_scenes_that_are_there_and_its_interval_over_thei
     assert average(three_scenes, "mean_iou", "all").percent == pytest.approx(25.0)
     assert average(three_scenes, "accuracy", "static") == Cell()
     clusters = [three_scenes[name].clusters("accuracy", "all") for name in found.scenes]
-    expected = clustered_interval(clusters, RESAMPLING)
+    expected = clustered_interval(clusters)
     assert found.interval == (100 * expected.low, 100 * expected.high)
     single = {"scene1": scored("scene1", {"cup": [True, False]})}
     assert average(single, "accuracy", "all").interval is None

@@ -41,7 +41,7 @@ def test_the_mean_is_over_points_that_all_scenes_have(variant):
 def test_what_cannot_be_compared_is_rejected(variant):
     whole = variant(None)
     for other, words in (
-        (variant("strict", options={"hit_region": "mask"}), "strict/metrics.json.* metrics.hit_region"),
+        (variant("strict", options={"masks": "classes"}), "strict/metrics.json.* metrics.masks"),
         (variant("lerf", method="LERF"), "lerf/metrics.json.* LERF"),
         (variant("lost", splats=None), "splats.zarr"),
         (whole.with_name("absent.json"), "absent.json"),
