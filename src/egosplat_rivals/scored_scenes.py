@@ -23,7 +23,7 @@ APARTMENTS, VALIDATION_APARTMENTS = "synthetic apartments", "validation apartmen
 VALIDATION = tuple(f"scene{index}" for index in range(6, 11))
 
 # Keys of the section ``metrics`` that decide queries and scores; they must be equal within a table.
-PROTOCOL = ("min_area", "excluded", "people", "masks", "held_out")
+PROTOCOL = ("min_area", "excluded", "masks", "held_out")
 
 _PATH = re.compile(
     r"(?:^|/)results/(?P<dataset>[a-z0-9_]+)/(?P<scene>[A-Za-z0-9_-]+)/"

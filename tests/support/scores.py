@@ -3,7 +3,6 @@
 OPTIONS = {
     "min_area": 0.001,
     "excluded": ["shelter"],
-    "people": False,
     "masks": "threshold",
 }
 """Keys of the section metrics that scores in one table must share."""

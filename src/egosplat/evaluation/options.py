@@ -39,10 +39,6 @@ class ScoringOptions(Options, section="metrics"):
     """Categories that are not queried, by their names in the recording's annotations. ADT's shelter is the room
     itself."""
 
-    people: bool = False
-    """Query people too. The paper does not say whether it does. Moving pixels are masked out of training, so this
-    scores the absence of people."""
-
     masks: Annotated[Literal["threshold", "classes"], READING] = "threshold"
     """Which pixels are a query's mask. threshold: those above query.segmentation_threshold, as in LangSplat's
     benchmark. classes: those where it is the most relevant of all categories of the recording, as in 3D-OVS's."""

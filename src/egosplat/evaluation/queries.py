@@ -91,4 +91,5 @@ def categories(
 
 
 def _is_asked(instance: Instance, options: ScoringOptions) -> bool:
-    return instance.category not in options.excluded and (options.people or instance.instance_type != "human")
+    # The paper does not say whether it asks for people. What moves is masked out of training.
+    return instance.category not in options.excluded and instance.instance_type != "human"

@@ -13,8 +13,8 @@ from egosplat.language.decoder import Decoder
 Features = NDArray[np.float32]
 Floats = NDArray[np.float64]
 
-# Fraction of rows that must be reconstructed. A few of thousands of views may be unusual.
-SHARE = 0.95
+# Fraction of rows that must be reconstructed where dims is auto, and their least cosine. A few of thousands of views may be unusual.
+SHARE, LEAST_COSINE = 0.95, 0.99
 
 # Rows per block in float64: 64 MiB at 512 channels. The cosines need several such arrays, so their blocks are smaller.
 _ROWS_AT_ONCE = 2**14
@@ -39,9 +39,7 @@ class Compression:
     need: Need | None = None
 
 
-def fit(
-    features: Features, kind: str, dims: int | str, epochs: int, seed: int, least_cosine: float = 1.0
-) -> Compression:
+def fit(features: Features, kind: str, dims: int | str, epochs: int, seed: int) -> Compression:
     """Fit a compression to features (UserError: C exceeds D, or training diverges).
 
     Args:
@@ -49,14 +47,13 @@ def fit(
         kind: ``none``, ``linear`` or ``autoencoder``.
         dims: C, or ``auto`` for the fewest that a linear basis needs, for any kind; ignored for ``none``.
         epochs, seed: for the autoencoder's training.
-        least_cosine: reconstruction quality that ``auto`` requires.
     """
     width = features.shape[1]
     if kind == "none":
         return Compression(np.copy, Decoder((width,), np.zeros(0, np.float32)))
     if isinstance(dims, str):
         # A linear basis decides for the autoencoder, too: otherwise each length would need a training.
-        basis = fit_linear(features, None, least_cosine)
+        basis = fit_linear(features, None)
         if kind == "linear" or basis.need is None:
             return basis
         return replace(fit(features, kind, basis.need.dims, epochs, seed), need=basis.need)
@@ -71,9 +68,9 @@ def fit(
     raise ValueError(f"compression {kind!r} is unknown")
 
 
-def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) -> Compression:
+def fit_linear(features: Features, dims: int | None) -> Compression:
     """Fit the mean and ``dims`` principal directions: the linear code with the least squared error. Without
-    ``dims``, uses as many as ``needed_dims`` returns for ``least_cosine``."""
+    ``dims``, uses as many as ``needed_dims`` returns."""
     width = features.shape[1]
     # Two passes, because sums of squares minus the squared mean would cancel.
     mean, scatter = np.zeros(width), np.zeros((width, width))
@@ -85,7 +82,7 @@ def fit_linear(features: Features, dims: int | None, least_cosine: float = 1.0) 
     basis = np.linalg.eigh(scatter)[1][:, ::-1]
     need = None
     if dims is None:
-        need = needed_dims(features, mean, basis, least_cosine)
+        need = needed_dims(features, mean, basis)
         dims = need.dims
     basis = basis[:, :dims]
     # The sign of an eigenvector is arbitrary: the largest component is made positive, so equal rows give equal codes.
@@ -105,12 +102,12 @@ def _blocks(features: Features) -> Iterator[NDArray[np.float64]]:
         yield features[begin : begin + _ROWS_AT_ONCE].astype(np.float64)
 
 
-def needed_dims(features: Features, mean: Floats, basis: Floats, least_cosine: float) -> Need:
+def needed_dims(features: Features, mean: Floats, basis: Floats) -> Need:
     """Return the fewest principal directions that reconstruct (R, D) rows with at least the cosine
-    ``least_cosine``, or all. ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first."""
+    ``LEAST_COSINE``, or all. ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first."""
     good = np.zeros(len(mean))
     for cosines in _cosines(features, mean, basis):
-        good += (cosines >= least_cosine).sum(axis=0)
+        good += (cosines >= LEAST_COSINE).sum(axis=0)
     share = good / len(features) if len(features) else np.ones(len(mean))
     enough = np.flatnonzero(share >= SHARE)
     return Need(int(enough[0]) + 1 if len(enough) else len(mean), share)

@@ -33,9 +33,6 @@ Features = NDArray[np.float32]
 
 _ROWS_AT_ONCE = 2**14
 
-# Cosine with the original that 95 % of the decoded view features reach where dims is auto.
-_LEAST_COSINE = 0.99
-
 
 def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> None:
     """Write the features of ``view_features`` (UserError: ``dims`` exceeds the features' channels, or
@@ -46,8 +43,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     level = view_features.read("instances/level")
     found = aggregate(feature, instance, len(level), options.mad_norm, MAD_K)
     consistent, supervision, mismatched = _supervision(feature, instance, found, options)
-    settings = options.compression, options.dims, options.epochs, options.seed
-    compressed = fit(supervision, *settings, least_cosine=_LEAST_COSINE)
+    compressed = fit(supervision, options.compression, options.dims, options.epochs, options.seed)
     codes, consistent_codes = (compressed.encode(part) for part in (supervision, consistent))
     seen, names = found.views > 0, view_features.facts["levels"]
     # An encoder maps the zero feature to an arbitrary code.

@@ -1,5 +1,7 @@
 """Scores of queries and of a scene."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,8 +13,9 @@ from egosplat.evaluation.scores import iou, score_query, summarise
 @pytest.fixture
 def queries(instance_map, instances) -> list[Query]:
     """Book (static and dynamic), dining chair, person."""
-    asked = ScoringOptions(min_area=0.0, excluded=("shelter",), people=True)
-    return [Query(0, 10, name, groups) for name, groups in categories(instance_map[None], instances, asked)]
+    asked = ScoringOptions(min_area=0.0, excluded=("shelter",))
+    things = [replace(instance, instance_type="object") for instance in instances]
+    return [Query(0, 10, name, groups) for name, groups in categories(instance_map[None], things, asked)]
 
 
 def answer(instance_map: np.ndarray, query: Query) -> tuple[tuple[int, int], np.ndarray]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from egosplat.features import compression
 from egosplat.features.autoencoder import BATCH, Autoencoder, _decoder_of, batches, loss
 from egosplat.features.compression import SHARE, fit
 from egosplat.features.supervision import reconstruction, summary
@@ -97,11 +98,10 @@ def share_of(features: np.ndarray, dims: int, bound: float) -> float:
     return float((reconstruction(features, fitted.encode(features), fitted.decoder) >= bound).mean())
 
 
-@pytest.mark.parametrize("bound", [0.9, 0.97, 0.99])
-def test_auto_dims_is_the_smallest_that_reaches_the_bound(bound):
-    rng = np.random.default_rng(0)
+def test_auto_dims_is_the_smallest_that_reaches_the_bound():
+    rng, bound = np.random.default_rng(0), compression.LEAST_COSINE
     features = unit(rng.normal(size=(300, 24)) @ rng.normal(size=(24, 24))).astype(np.float32)
-    found = fit(features, "linear", "auto", 1, 0, bound)
+    found = fit(features, "linear", "auto", 1, 0)
     dims = found.decoder.widths[0]
     assert 1 < dims < 24 and found.need.dims == dims
     assert share_of(features, dims, bound) >= SHARE > share_of(features, dims - 1, bound)
@@ -118,14 +118,15 @@ def test_auto_dims_is_the_smallest_that_reaches_the_bound(bound):
         ("none", 50, 8, 8, 0.9, 8, 8),
     ],
 )
-def test_auto_dims_are_those_that_features_need(kind, count, width, rank, bound, least, most):
+def test_auto_dims_are_those_that_features_need(monkeypatch, kind, count, width, rank, bound, least, most):
+    monkeypatch.setattr(compression, "LEAST_COSINE", bound)
     features = rows(count, width, rank)
-    found = fit(features, kind, "auto", 1, 0, bound)
+    found = fit(features, kind, "auto", 1, 0)
     assert least <= found.decoder.widths[0] <= most
     assert found.encode(features).shape == (count, found.decoder.widths[0])
 
 
 def test_an_autoencoder_takes_as_many_numbers_as_a_basis_needs():
     features = unit(np.random.default_rng(0).normal(size=(50, 8))).astype(np.float32)
-    basis, found = (fit(features, kind, "auto", 1, 0, 0.9) for kind in ("linear", "autoencoder"))
+    basis, found = (fit(features, kind, "auto", 1, 0) for kind in ("linear", "autoencoder"))
     assert found.need.dims == basis.need.dims == found.decoder.widths[0] == found.encode(features).shape[1]

@@ -22,12 +22,6 @@ DISTINCT, MOST_OUTLIERS = 6, 2
 # Share of the instances, those with the most views, that count as often seen: rows of one or two views say little.
 OFTEN = 0.5
 
-# What the number above each crop is, by ``features.mad_norm``; it decides whether the view is an outlier.
-NUMBERS = {
-    "element": "the share of feature channels that disagree with the other views",
-    "none": "no number, because every view counts",
-}
-
 # Side of a crop [inches], and gray level around objects, 0..255: it separates masked pixels from dark objects.
 CELL, BACKGROUND = 1.25, 30
 
@@ -52,7 +46,7 @@ def run(
     return figure, (
         f"crops encoded by {encoder}, origin {features.origin}\n"
         f"{len(owner)} views of {len(np.unique(owner))} instances, {facts['outliers']} outliers (MAD {norm}, "
-        f"k = {MAD_K:g}) struck out; above each crop: its frame and {NUMBERS[norm]}"
+        f"k = {MAD_K:g}) struck out; above each crop: its frame and the share of feature channels that disagree with the other views"
     )
 
 
@@ -114,6 +108,5 @@ def _draw_instance(
         axes.imshow(shown, interpolation="nearest" if len(crop) < 24 else "antialiased")
         if not inlier[view]:
             axes.plot([0, 1], [0, 1], color="crimson", linewidth=2.5, transform=axes.transAxes)
-        number = "" if options["mad_norm"] == "none" else f": {values[view]:.2f}"
         color = "black" if inlier[view] else "crimson"
-        axes.set_title(f"{frame}{number}", fontsize=8, pad=2, color=color)
+        axes.set_title(f"{frame}: {values[view]:.2f}", fontsize=8, pad=2, color=color)

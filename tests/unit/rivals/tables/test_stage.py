@@ -253,7 +253,7 @@ def test_scores_without_a_table_are_reported_and_tables_have_one_protocol_and_a_
     assert not any("synthetic" in set(table.kind) for table in found.values())
     first = scored("adt/scene1")
     tables(first, scored("hoi4d/scene1", options={"masks": "classes"}))
-    for key, value in (("masks", "classes"), ("people", True)):
+    for key, value in (("masks", "classes"), ("held_out", "given")):
         with pytest.raises(UserError, match=f"scene2/metrics.json.* metrics.{key} = .?{value}"):
             tables(first, scored("adt/scene2", options={key: value}))
     with pytest.raises(UserError, match="the same"):
