@@ -15,10 +15,10 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.loop import Layers, Step, Trainee, adam, fewer_iterations, train
 
-# Published: layers of both decoders after a code's numbers, learning rates, and iterations; weights of the entropy in the two
+# Published: numbers of a code, layers of both decoders after them, learning rates, and iterations; weights of the entropy in the two
 # halves of training, and of the variance in the second; half of the resolution, and the side of the square over which
 # weights of levels are averaged there.
-HIDDEN, SKIPS, SCALES = (256,) * 8, ((0, 2), (2, 5)), (64, 128, 64, 32, 16, 3)
+_DIMS, HIDDEN, SKIPS, SCALES = 16, (256,) * 8, ((0, 2), (2, 5)), (64, 128, 64, 32, 16, 3)
 _CODE_RATE, _LAYER_RATE, _ITERATIONS = 1e-3, 1e-4, 30_000
 ENTROPY, VARIANCE = (0.001, 0.002), 0.1
 _STRIDE, _SMOOTHED = 2, 5
@@ -113,7 +113,7 @@ class GranularCodes(Trainee):
         """Start from zero codes and random decoders."""
         super().__init__(views, options)
         device = views.device
-        dims = options.granular_dims
+        dims = _DIMS if (given := targets.options["dims"]) == "auto" else given
         self.code = nn.Parameter(torch.zeros(views.gaussians.count, dims, device=device))
         self.decoder = Layers((dims, *HIDDEN, targets.channels), options.seed, device, skips=SKIPS)
         self.scales = Layers((dims, *SCALES), options.seed, device)

@@ -26,13 +26,13 @@ def train_codes(
     views: CodeViews, targets: CodeTargets, options: LanguageOptions, checkpoint: Checkpoint
 ) -> Coded:
     """Method ``train_codes``: codes by gradient descent, from the last checkpoint if there is one (UserError: it diverges)."""
-    codes = PlainCodes(views, (len(targets.levels), targets.channels), options)
+    codes = PlainCodes(views, (len(targets.levels), targets.channels), options, targets.unit_norm)
     curve = train(codes, len(views), options.iterations, options.seed, checkpoint)
     stands_in = fewer_iterations(options.iterations, _ITERATIONS)
-    if options.normalize_codes:
+    if targets.unit_norm:
         stands_in += ("random codes at the start in place of 0",)
     # Stored as they are rendered, so that queries need not know whether codes are normalized.
-    code, share = codes_to_render(codes.code.detach(), options.normalize_codes), shares(views, targets.known)
+    code, share = codes_to_render(codes.code.detach(), targets.unit_norm), shares(views, targets.known)
     return Coded(code, share, targets.levels, curve=curve, stands_in=stands_in)
 
 
@@ -41,29 +41,31 @@ class PlainCodes(Trainee):
 
     advice = "lower language.lr"
 
-    def __init__(self, views: CodeViews, shape: tuple[int, int], options: LanguageOptions) -> None:
+    def __init__(
+        self, views: CodeViews, shape: tuple[int, int], options: LanguageOptions, unit_norm: bool
+    ) -> None:
         """Start from codes of ``shape`` (L, C): 0 as in LangSplat, or short random ones that are normalized."""
         super().__init__(views, options)
         first = torch.zeros(views.gaussians.count, *shape)
-        if options.normalize_codes:
+        if unit_norm:
             random = torch.Generator().manual_seed(options.seed)
             first = _FIRST_NORM * codes_to_render(first.normal_(generator=random), True)
         self.code = nn.Parameter(first.to(views.device))
         self.optimizers = [adam([([self.code], options.lr)])]
-        self._normalize = options.normalize_codes
+        self._unit_norm = unit_norm
 
     def loss(self, step: Step) -> Tensor:
         """Return the L1 loss of the whole image."""
         targets = self.views.targets(self.frame(step.view))
-        values = codes_to_render(self.code, self._normalize).flatten(1)
+        values = codes_to_render(self.code, self._unit_norm).flatten(1)
         image, _ = composite(self.views.view(step.view), values)
         codes = image.permute(2, 0, 1).unflatten(0, targets.codes.shape[:2])
         return code_l1(codes, targets, self.views.weight(step.view))
 
 
-def codes_to_render(code: Tensor, normalize_codes: bool) -> Tensor:
-    """(N, L, C) codes as rendered: normalized if ``normalize_codes``; zero codes stay 0."""
-    return F.normalize(code, dim=-1) if normalize_codes else code
+def codes_to_render(code: Tensor, unit_norm: bool) -> Tensor:
+    """(N, L, C) codes as rendered: normalized if they have ``unit_norm``; zero codes stay 0."""
+    return F.normalize(code, dim=-1) if unit_norm else code
 
 
 METHOD = Method(train_codes, masks="{} in place of SAM")

@@ -41,7 +41,7 @@ def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptio
     # Gaussians in no cluster read the last row, which is never known.
     level = torch.arange(len(targets.levels), device=views.device)
     code = torch.where(known[level, labels][..., None], means[level, labels], lifted)
-    code = codes_to_render(code, options.normalize_codes)
+    code = codes_to_render(code, targets.unit_norm)
     stands_in = ["opacities sharpened where codes are lifted, not where they are rendered"]
     if views.gaussians.count > SAMPLE:
         stands_in.append(f"clusters of {SAMPLE:,} Gaussians, which the others join by their nearest")

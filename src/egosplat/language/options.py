@@ -21,17 +21,9 @@ class LanguageOptions(MaskSourceOptions, SeedOptions, BackendOptions):
     """Training iterations, one view each, if method trains. LangSplat, GAGS, LERF and LEGaussians use 30,000,
     LangSplatV2 10,000 for each of three levels; here an iteration of sparse trains one level."""
 
-    granular_dims: Count = 16
-    """Numbers of a Gaussian's code if method is granular: 16 as in GAGS, 3 in the paper's comparison."""
-
     lr: Positive = 0.0025
     """Adam learning rate if method is trained or sparse. LangSplat and LangSplatV2 use 0.0025. Codes start at 0."""
 
     pixels: Annotated[int, Field(ge=2)] = 8192
     """Pixels of a view that an iteration trains on, if method is sparse, granular, field or quantized. LERF uses
     4,096 of all views, the others all of a view. Fewer are faster and noisier; the expected loss is the same."""
-
-    normalize_codes: bool = False
-    """Normalize the code of each Gaussian before rendering, in training and in queries, as LangSplat does
-    (docs/method.md#code-norm). Wrong for compression linear, where the norm carries information. Of the methods
-    that train nothing, clustered alone follows it. No effect if splats.language is joint."""

@@ -26,7 +26,7 @@ class CodeTargets:
     """The supervision F of the paper's L_F, compressed to ``channels``; frames are read on request. In each
     frame, an instance has the code of its view. An instance too small to be encoded there has the consistent
     code, unless views are supervised by their own features only. ``levels`` are named, and ``level`` (I,) of
-    each instance."""
+    each instance. ``options`` are those of the features; codes have ``unit_norm`` or not."""
 
     def __init__(self, instances: Artifact, features: Artifact, device: torch.device) -> None:
         """Load the codes; ``device`` is the device of the targets (UserError: the features were made from
@@ -37,10 +37,12 @@ class CodeTargets:
         # Those of the views, then those of the instances.
         self._codes = np.concatenate([features.read("code"), features.read("consistent_code")])
         seen = features.read("views") > 0
-        views_alone = features.provenance["options"]["supervision"] == "view"
+        self.options = features.provenance["options"]
+        # The norm of a linear code carries information; all others have unit norm.
+        self.unit_norm = self.options["compression"] != "linear"
+        self._views_alone = self.options["supervision"] == "view"
         # Instances whose consistent code serves frames without a view of theirs.
-        self._usable = np.zeros_like(seen) if views_alone else seen
-        self._views_alone = views_alone
+        self._usable = np.zeros_like(seen) if self._views_alone else seen
         self._named = seen
         self._levels, self.level = np.unique(instances.read("instances/level"), return_inverse=True)
         names = instances.facts["levels"]

@@ -19,6 +19,7 @@ from egosplat.language.views import select_code_views
 from tests.support.gaussian_scene import CAMERA, SETTINGS, SIZE, photographs
 from tests.support.scenes import LEVELS, camera_facts, put
 
+LINEAR = {"compression": "linear", "dims": "auto"}
 FRAME_COUNT = 5
 HELD_OUT = 2
 CLUSTERED = pytest.param(
@@ -93,7 +94,8 @@ def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
         put(tmp_path, "poses", poses, facts, made_from=["frames"])
         about = {"levels": LEVELS, "decoder": {"widths": [3]}}
         put(tmp_path, "instances", {"labels": labels, "instances/level": level}, about, made_from=["frames"])
-        put(tmp_path, "features", feature_arrays(CODES, level, views), about, options={"supervision": target})
+        options = LINEAR | {"supervision": target}
+        put(tmp_path, "features", feature_arrays(CODES, level, views), about, options=options)
         still = np.zeros(3, bool)
         put(tmp_path, "masks", {"refined": moving, "instances/transient": still}, made_from=["instances"])
         put(tmp_path, "transient", {"probability": moving.astype(np.float16) / 2}, made_from=["frames"])

@@ -10,8 +10,6 @@ from egosplat.language.targets import Targets, code_l1
 from egosplat_rivals.langsplat import PlainCodes, codes_to_render
 from egosplat_rivals.loop import train
 
-OPTIONS = LanguageOptions(iterations=60, lr=0.05, normalize_codes=False, seed=0)
-
 
 @pytest.fixture
 def views(prepared):
@@ -23,7 +21,7 @@ def codes(views):
     """``codes(lr, normalize)``: new codes of two levels."""
 
     def make(lr: float = 0.05, normalize: bool = False) -> PlainCodes:
-        return PlainCodes(views, (2, 3), OPTIONS.model_copy(update={"lr": lr, "normalize_codes": normalize}))
+        return PlainCodes(views, (2, 3), LanguageOptions(iterations=60, lr=lr, seed=0), normalize)
 
     return make
 

@@ -122,10 +122,10 @@ def test_equal_runs_are_equal_and_leave_no_other_files(trained, method):
 
 
 def test_joint_codes_are_rendered_in_queries_as_they_were_in_training(trained):
-    """language.normalize_codes does not apply: codes of another norm would be composited with other weights."""
+    """They are not normalized: codes of another norm would be composited with other weights."""
     folder = trained(language="joint")
     stored = verify(folder / "splats.zarr", SCHEMAS).read("features")
-    found = run(folder, "unit.zarr", normalize_codes=True)
+    found = run(folder, "unit.zarr")
     taught = found.read("share") > 0
     code = found.read("code")[taught]
     assert found.facts["method"] == "joint" and taught.any()

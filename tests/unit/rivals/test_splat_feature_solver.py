@@ -39,8 +39,8 @@ def small_clusters(monkeypatch):
 class Masks:
     """Stands for ``CodeTargets``: a left and a right mask in each view, instances 2 v and 2 v + 1, with given codes."""
 
-    def __init__(self, codes: list[tuple[list[float], list[float]]]) -> None:
-        self.codes = torch.tensor(codes).flatten(0, 1)
+    def __init__(self, codes: list[tuple[list[float], list[float]]], unit_norm: bool = False) -> None:
+        self.codes, self.unit_norm = torch.tensor(codes).flatten(0, 1), unit_norm
         self.levels, self.channels = ["whole"], self.codes.shape[1]
         self.painted = torch.full((len(codes), 1, CAMERA.height, CAMERA.width), -1)
         for view, picture in enumerate(self.painted[:, 0]):
@@ -80,7 +80,7 @@ def test_a_cluster_takes_the_mean_of_the_masks_that_agree_with_it_each_counting_
     torch.testing.assert_close(
         found.code[~ON_RIGHT, 0], torch.tensor([0.8, 0.4]).expand(int((~ON_RIGHT).sum()), 2)
     )
-    unit = coded(HALVES, Masks([(LEFT, RIGHT), (tilted, RIGHT)]), normalize_codes=True).code[~ON_RIGHT, 0]
+    unit = coded(HALVES, Masks([(LEFT, RIGHT), (tilted, RIGHT)], unit_norm=True)).code[~ON_RIGHT, 0]
     torch.testing.assert_close(unit, torch.tensor([2.0, 1.0]).expand(len(unit), 2) / 5**0.5)
 
 
