@@ -1,5 +1,6 @@
 """Move Gaussians to another world: turned, shifted and scaled, with their view-dependent colors."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,17 +13,21 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import is_rigid, transform
 from egosplat.rasterize.reference.spherical_harmonics import sh_basis
 
+# Scales and shifts up to this leave Gaussians finite in float32.
+LARGEST = 1e15
+
 # Directions in which the colors before and after must agree, several for each of the 16 functions of degree 3.
 _DIRECTIONS = 200
 
 
 def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
     """The scale of a (4, 4) similarity, and its (3, 3) rotation; ValueError if it is no rotation with a scale and a shift."""
-    scale = float(np.cbrt(abs(np.linalg.det(matrix[:3, :3])))) or np.nan
+    # The length of a row: a determinant may overflow.
+    scale = math.hypot(*matrix[0, :3]) or math.nan
     rigid = matrix.copy()
     rigid[:3, :3] /= scale
-    if not is_rigid(rigid, 1e-3):
-        raise ValueError("no rotation with a scale and a shift")
+    if not (is_rigid(rigid, 1e-3) and 1 / LARGEST <= scale <= LARGEST and (abs(matrix) <= LARGEST).all()):
+        raise ValueError(f"no rotation with a scale and a shift, of numbers up to {LARGEST:g}")
     return scale, rigid[:3, :3]
 
 

@@ -5,6 +5,7 @@ The semantics are those of gsplat 1.5.3's ``rasterization``; ``api.rasterization
 """
 
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import torch
@@ -102,6 +103,8 @@ def check(arguments: Arguments) -> None:
         raise ValueError("colors and features hold no channel")
     if a.backgrounds is not None:
         _check_shape("backgrounds", a.backgrounds, (c, channels))
+        if a.backgrounds.device.type == "cpu" and not a.backgrounds.isfinite().all():
+            raise ValueError("backgrounds hold a number that is not finite")
     if c < 1:
         raise ValueError(f"viewmats has shape {tuple(a.viewmats.shape)}: at least one camera is needed")
     _check_shape("viewmats", a.viewmats, (c, 4, 4))
@@ -129,6 +132,9 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
 
 
 def _check_numbers(a: Arguments) -> None:
+    for name, value in (("width", a.width), ("height", a.height), ("sh_degree", a.sh_degree or 0)):
+        if isinstance(value, bool) or not isinstance(value, Integral):
+            raise ValueError(f"{name} is {value!r}, not a whole number")  # noqa: TRY004
     if a.width < 1 or a.height < 1:
         raise ValueError(f"the image is {a.width} x {a.height} pixels")
     # A positive near plane keeps the perspective division and the viewing direction finite.

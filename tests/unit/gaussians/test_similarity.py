@@ -37,8 +37,8 @@ def test_a_camera_that_moves_along_sees_the_same(truth, camera_to_world, degree,
 
 
 @pytest.mark.parametrize(
-    "matrix", [np.diag([1.0, 1, -1, 1]), np.diag([1.0, 2, 1, 1]), np.zeros((4, 4)), np.full((4, 4), np.nan)]
+    "diagonal", [[1.0, 1, -1, 1], [1.0, 2, 1, 1], [0.0] * 4, [np.nan] * 4, [1e39] * 3 + [1], [1e300] * 4]
 )
-def test_what_is_no_similarity_is_refused(matrix):
+def test_what_is_no_similarity_is_refused(diagonal):
     with pytest.raises(ValueError, match="rotation"):
-        split_similarity(matrix)
+        split_similarity(np.diag(diagonal))
