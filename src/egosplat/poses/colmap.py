@@ -1,4 +1,4 @@
-"""Estimate poses by structure from motion: COLMAP's global mapping through pycolmap, on the CPU. The
+"""Estimate poses by structure from motion: COLMAP's incremental mapping through pycolmap, on the CPU. The
 same images, options and seed give the same poses on one machine, with any number of threads: images get their
 ids before features are extracted in parallel, RANSAC is seeded, and mapping runs on one thread. With more
 threads, bundle adjustment sums in no fixed order, and is not faster on two cores (50 images, 150,000
