@@ -26,7 +26,6 @@ from egosplat.features.supervision import (
 )
 from egosplat.language.decoder import decode, decoder_metadata
 from egosplat.language.vectors import unit
-from egosplat.pipeline.model_sets import PUBLISHED
 from egosplat.progress import log
 
 Features = NDArray[np.float32]
@@ -94,7 +93,7 @@ def _supervision(
     consistent = consistent_directions(found.feature, feature, instance)
     # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
     # small models' tracks alone (docs/method.md#mismatched); the paper makes no exception.
-    excepts = options.supervision != "average" and options.set != PUBLISHED
+    excepts = options.supervision != "average" and options.set != "published"
     apart = spread(consistent[found.views > 0]) if excepts else None
     limit = -math.inf if apart is None else (1 + apart) / 2
     mismatched = np.zeros(len(feature), bool)

@@ -88,7 +88,7 @@ def run(
     model = {
         "model": options.clip_model,
         "checkpoint": options.clip_checkpoint,
-        "hash": model_hash(CLIP, dict(zip((CLIP.config_key, CLIP.checkpoint_key), used, strict=True))),
+        "hash": model_hash(CLIP, options.as_dict()),
         "small": options.clip_checkpoint == SMALL,
         "device": inputs.clip.compute.device.type,
         "dtype": str(inputs.clip.compute.dtype).removeprefix("torch."),

@@ -69,8 +69,7 @@ def run(
     check_made_from(instances, frames, axes=("frame", "height", "width"))
     check_made_from(views, frames, instances)
     check_made_from(splats, frames, poses, *inputs[len(paths) :])
-    model = {CLIP.config_key: options.clip_model, CLIP.checkpoint_key: options.clip_checkpoint}
-    hashes = {CLIP.checkpoint_key: model_hash(CLIP, model)}
+    hashes = {CLIP.checkpoint_key: model_hash(CLIP, options.as_dict())}
     record = provenance.begin_from("histories", options.as_dict(), inputs, hashes)
     recording = Recording.read(frames, poses, instances, splats, masks, options)
     seconds, posed = seconds_of(frames), known_poses(recording.camera_to_world)

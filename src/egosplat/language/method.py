@@ -1,12 +1,11 @@
 """What a way to give Gaussians codes consists of, and what it gives; docs/methods.md says how to add one."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from torch import Tensor, device
+from torch import Tensor
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.schemas import FEATURES, INSTANCES
 from egosplat.language.decoder import Decoder
@@ -47,12 +46,6 @@ class Coded:
     maps_only: bool = False
 
 
-def open_code_targets(learnt_from: Sequence[Artifact], frames: Artifact, device: device) -> CodeTargets:
-    """Open the codes of instances as targets; raises as ``CodeTargets``."""
-    instances, features = learnt_from
-    return CodeTargets(instances, features, device)
-
-
 @dataclass(frozen=True)
 class Method:
     """A way to give Gaussians codes: the constant ``METHOD`` of each module that ``language.method`` chooses.
@@ -61,11 +54,11 @@ class Method:
         give_codes: function of views, targets, options and checkpoint. A method that trains resumes from the
             checkpoint, and raises UserError if it diverges.
         learns_from: schemas of the artifacts with the targets.
-        open_targets: opens the targets from these artifacts, frames.zarr and the device.
+        open_targets: opens the targets from these artifacts, frames.zarr and the device; by default codes of instances.
         masks: what the masks replace in the published method, with {} for the segmenter; empty if nothing.
     """
 
     give_codes: Callable[..., Coded]
     learns_from: tuple[Schema, ...] = (INSTANCES, FEATURES)
-    open_targets: Callable[[Sequence[Artifact], Artifact, device], Any] = open_code_targets
+    open_targets: Callable[..., Any] = lambda learnt_from, _, device: CodeTargets(*learnt_from, device)
     masks: str = ""

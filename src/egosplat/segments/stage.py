@@ -46,8 +46,7 @@ def run(
         )
     frames = open_artifact(frames_path, FRAMES)
     kept, by_survey = kept_frames(frames, survey_path)
-    used = {"sam2_config": options.sam2_config, "sam2_checkpoint": options.sam2_checkpoint}
-    models = {"sam2_checkpoint": model_hash(SAM2, used)} if options.segmenter == "sam2" else {}
+    models = {"sam2_checkpoint": model_hash(SAM2, options.as_dict())} if options.segmenter == "sam2" else {}
     transient = None if chunk else _open_transient(transient_path, frames, options)
     made_from, useful = [frames], frames.read("train")
     if poses_path and options.single_frames:
