@@ -16,6 +16,8 @@ from egosplat.features.aggregation import MAD_K, Aggregate, aggregate
 from egosplat.features.compression import SHARE, fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
+    ROWS_AT_ONCE,
+    Features,
     agreement,
     consistent_directions,
     reconstruction,
@@ -27,10 +29,6 @@ from egosplat.features.supervision import (
 from egosplat.language.decoder import decode, decoder_metadata
 from egosplat.language.vectors import unit
 from egosplat.progress import log
-
-Features = NDArray[np.float32]
-
-_ROWS_AT_ONCE = 2**14
 
 
 def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> None:
@@ -98,8 +96,8 @@ def _supervision(
     limit = -math.inf if apart is None else (1 + apart) / 2
     mismatched = np.zeros(len(feature), bool)
     supervision = np.empty_like(feature)
-    for begin in range(0, len(supervision), _ROWS_AT_ONCE):
-        part = slice(begin, begin + _ROWS_AT_ONCE)
+    for begin in range(0, len(supervision), ROWS_AT_ONCE):
+        part = slice(begin, begin + ROWS_AT_ONCE)
         own, common = feature[part].astype(np.float64), consistent[instance[part]]
         mismatched[part] = (unit(own) * unit(common)).sum(axis=1) < limit
         values = supervise(own, common, found.inlier[part], mismatched[part], options.supervision)

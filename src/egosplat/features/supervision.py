@@ -52,14 +52,14 @@ def vanishing(features: Floats) -> Bools:
 
 Features = NDArray[np.float32]
 
-_ROWS_AT_ONCE = 2**14
+ROWS_AT_ONCE = 2**14
 
 
 def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDArray[np.float64]:
     """(R,) cosine of each feature with its decoded code; 0 if either vanishes."""
     cosines = [np.zeros(0)]
-    for begin in range(0, len(features), _ROWS_AT_ONCE):
-        part = slice(begin, begin + _ROWS_AT_ONCE)
+    for begin in range(0, len(features), ROWS_AT_ONCE):
+        part = slice(begin, begin + ROWS_AT_ONCE)
         decoded = decode(torch.from_numpy(codes[part]), decoder).numpy()
         cosines.append((unit(features[part]) * unit(decoded)).sum(axis=1))
     return np.concatenate(cosines)
@@ -68,8 +68,8 @@ def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDA
 def agreement(views: Features, consistent: Features, instance: NDArray[np.integer]) -> float | None:
     """Mean cosine of (R, D) features of views with the (N, D) consistent ones of their ``instance`` (R,); None without views."""
     total = 0.0
-    for begin in range(0, len(views), _ROWS_AT_ONCE):
-        part = slice(begin, begin + _ROWS_AT_ONCE)
+    for begin in range(0, len(views), ROWS_AT_ONCE):
+        part = slice(begin, begin + ROWS_AT_ONCE)
         total += float((unit(views[part]) * unit(consistent[instance[part]])).sum())
     return total / len(views) if len(views) else None
 
