@@ -31,7 +31,7 @@ from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.reading import Question, read_questions
 from egosplat.query.relations import Space, relate
 from egosplat.query.scene import Pose, QueryScene, Viewpoint, instances_of_gaussians, read_scene
-from egosplat.query.sizes import Sizes, log_ratios
+from egosplat.query.sizes import Sizes, estimate_unit, log_ratios
 from egosplat.query.text import Texts, encode_texts, explain_untaught, words_to_try
 from egosplat.query.things import Surface, ask_scene, measure_extents, read_surface
 from egosplat.query.views import Asker, show_thing
@@ -202,13 +202,29 @@ class Scene:
 
     @cached_property
     def asked(self) -> QueryScene:
-        """The Gaussians with the sizes of instances, where these have a place in 3D and the scale is known."""
-        if not self._placed or self.unit != "m":
+        """The Gaussians with the sizes of instances, where these have a place in 3D and the scale is known, or told by them."""
+        if not self._placed or (self.unit != "m" and self.ruler is None):
             return self.trained
-        surface, instance, up = self.surface, self.instances, self.artifact("poses").read("up")
-        ratios = log_ratios(measure_extents(surface.means, instance, surface.touching, up))
-        of_gaussians = torch.from_numpy(instance.T.astype(np.int64)).to(self.trained.code.device)
+        ratios = log_ratios(self._extents * (self.ruler[0] if self.ruler else 1.0))
+        of_gaussians = torch.from_numpy(self.instances.T.astype(np.int64)).to(self.trained.code.device)
         return replace(self.trained, sizes=Sizes(of_gaussians, ratios))
+
+    @cached_property
+    def ruler(self) -> tuple[float, float] | None:
+        """The scene's unit [m] as the sizes of things tell it, and its spread [log]; None where it is known, or they do not tell."""
+        if not self._placed or self.unit == "m":
+            return None
+        fits, owner = self.trained.relevancy(self._words, self.options).cpu().numpy(), self.instances
+        known = (owner >= 0) & (self.trained.share.T > 0).cpu().numpy()
+        sums = [np.bincount(owner[known], each, len(self._extents)) for each in (None, *fits[:, known])]
+        means = np.clip(np.stack(sums[1:]) / np.maximum(sums[0], 1), 1e-6, 1 - 1e-6)
+        return estimate_unit(self._extents, self._words.phrases, np.log(means / (1 - means)))
+
+    @cached_property
+    def _extents(self) -> Array:
+        """(I, 5) extents of instances, see ``measure_extents``."""
+        given = self.surface.means, self.instances, self.surface.touching, self.artifact("poses").read("up")
+        return measure_extents(*given)
 
     @cached_property
     def _posed(self) -> NDArray[np.int64]:

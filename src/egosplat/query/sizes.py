@@ -18,6 +18,10 @@ TABLE = Path(__file__).with_name("sizes.csv")
 # Limits of what sizes add to the log-odds of a relevancy: a wrong size tells more than a right one.
 LIMITS = -1.0, 0.7
 
+# Heights [m] that the middle one of named things may have, the largest spread [log] of a unit, and of the things that tell it
+# the least log-odds of the best name, and number.
+_HEIGHTS, _MOST_SPREAD, _NAMED, _LEAST_NAMED = np.geomspace(0.01, 30, 321), 0.25, 1.0, 12
+
 
 @dataclass(frozen=True, eq=False)
 class Sizes:
@@ -57,9 +61,34 @@ def row_of(phrase: str) -> int:
 def log_ratios(extents: Array) -> Array:
     """(W + 1, I + 1) float64 logarithm of how much more probable (I, 5) extents [m] are for each word of ``TABLE`` than for any; 0 where
     they are unknown, and in the last row and column, for no word and no instance."""
-    words, rows = read_sizes()
+    density = _log_densities(np.nan_to_num(extents, nan=0.0))
+    ratios = density - np.logaddexp.reduce(density, axis=0) + np.log(len(density))
+    return np.pad(np.where(np.isnan(extents[:, 0]), 0.0, ratios), ((0, 1), (0, 1)))
+
+
+def estimate_unit(extents: Array, phrases: Sequence[str], odds: Array) -> tuple[float, float] | None:
+    """The unit [m] in which (I, 5) extents are most probable for things with (P, I) log-odds to be what phrases mean, and its
+    spread [log]; None where few things are named, or many units are as probable."""
+    rows = np.array([*map(row_of, phrases)])
+    odds = odds[rows >= 0]
+    kept = ~np.isnan(extents[:, 0]) & (odds.max(axis=0, initial=-np.inf) > _NAMED)
+    if kept.sum() < _LEAST_NAMED or not (middle := np.median(extents[kept, 0])) > 0:
+        return None
+    log_p, units = 2 * odds[:, kept] - np.logaddexp.reduce(2 * odds[:, kept]), np.log(_HEIGHTS / middle)
+    # Foot, of half weight, and top are lengths, whose density has a unit; those of the sides are of logarithms.
+    fits = [log_p + _log_densities(extents[kept] * np.exp(one))[rows[rows >= 0]] + 1.5 * one for one in units]
+    # Parts of things tell the same: instances count as the root of their number.
+    fit = np.logaddexp.reduce(fits, axis=1).sum(axis=1) / np.sqrt(kept.sum())
+    mean = np.average(units, weights=(p := np.exp(fit - fit.max())))
+    spread = np.sqrt(np.average((units - mean) ** 2, weights=p))
+    return (float(np.exp(mean)), float(spread)) if spread < _MOST_SPREAD else None
+
+
+def _log_densities(extents: Array) -> Array:
+    """(W, I) logarithm of the density of (I, 5) extents [m] for each word of ``TABLE``."""
+    rows = read_sizes()[1]
     kind, tall, wide, deep, spread, stands, shift = rows.T[..., None]
-    height, long, short, foot, top = np.nan_to_num(extents, nan=0.0).T
+    height, long, short, foot, top = extents.T
     sides, spread = np.log(0.01 + np.stack([tall, wide, deep])), np.hypot(spread, 0.15)
     # What is seen in part is smaller, and its foot may be hidden. A centimeter more is the thickness of Gaussians.
     seen = np.log(0.01 + np.stack([height, long, short]))[:, None] - sides
@@ -68,9 +97,7 @@ def log_ratios(extents: Array) -> Array:
     density += _log_density(top - stands - tall, np.hypot(np.hypot(shift, spread * tall), 0.05), 1.0, 1.0)
     density += 0.5 * _log_density(foot - stands, np.hypot(shift, 0.08), 1.0, 2.0)
     _, begin, kinds = np.unique(kind, return_index=True, return_counts=True)
-    density = np.logaddexp.reduceat(density, begin) - np.log(kinds)[:, None]
-    ratios = density - np.logaddexp.reduce(density, axis=0) + np.log(len(words))
-    return np.pad(np.where(np.isnan(extents[:, 0]), 0.0, ratios), ((0, 1), (0, 1)))
+    return np.logaddexp.reduceat(density, begin) - np.log(kinds)[:, None]
 
 
 def _log_density(offset: Array, spread: Array, below: float, above: float) -> Array:
