@@ -53,6 +53,11 @@ def run(
         grading, columns = scene.grading(), ("center [{}]", "size [{}]", "frame")
         # A view is never calibrated; saying so with each would tell nothing.
         lines.append(grading.notice)
+        if scene.ruler:
+            unit, low, high = (scene.ruler[0] * np.exp(side * scene.ruler[1]) for side in (0, -1, 1))
+            lines.append(
+                f"a scene unit is about {unit:.2g} m ({low:.2g} to {high:.2g}), by the sizes of things"
+            )
     title, questions = "\n".join(filter(None, lines)), scene.read(phrases)
     rows = [("query", "answer", grading.measure, "level", *(name.format(scene.unit) for name in columns))]
     kept: list[Answer] = []

@@ -182,6 +182,9 @@ def test_lengths_have_no_meters_without_a_scale(word_scene, query, monkeypatch):
     monkeypatch.setattr(finished_scene, "length_unit", lambda _: length_unit(arbitrary))
     for words, column in (((), "center [scene units]"), (("--frame", 1), "position [scene units]")):
         assert column in query(folder, "cup", *words)[1]
+    monkeypatch.setattr(finished_scene.Scene, "ruler", (0.4, 0.1))
+    told = "a scene unit is about 0.4 m (0.36 to 0.44), by the sizes of things"
+    assert told in query(folder, "cup", "--overwrite")[1]
 
 
 def test_many_answers_are_drawn_in_part(word_scene, query):

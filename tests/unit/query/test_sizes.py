@@ -6,7 +6,7 @@ import torch
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
-from egosplat.query.sizes import LIMITS, Sizes, log_ratios, read_sizes, row_of
+from egosplat.query.sizes import LIMITS, Sizes, estimate_unit, log_ratios, read_sizes, row_of
 from egosplat.query.text import CARRIED, STAYING
 from egosplat.query.things import find_neighbors, measure_extents
 
@@ -43,3 +43,18 @@ def test_relevancies_move_within_limits_and_0_and_1_stay():
     assert sizes.weigh(torch.tensor([[[0.0, 1.0, 1.0]]]), ["desk"], 2.0).tolist() == [[[0.0, 1.0, 1.0]]]
     extreme = np.array([0.0, 1e-30, 1e30, 1e300, np.nan])
     assert np.isfinite(log_ratios(np.tile(extreme[:, None], 5))).all()
+
+
+@pytest.mark.parametrize("unit", [1e-6, 0.3, 1.0, 1e6])
+def test_things_of_known_names_tell_the_unit_and_few_or_flat_ones_do_not(unit):
+    words, table = read_sizes()
+    kind, height, long, short, _, foot, _ = table.T
+    extents = np.stack([height, long, short, foot, foot + height], axis=1) / unit
+    odds = np.where(np.arange(len(words))[:, None] == kind, 3.0, -3.0)
+    told, spread = estimate_unit(extents, words, odds)
+    assert told == pytest.approx(unit, rel=0.1) and 0 < spread < 0.1
+    extents[12:] = np.nan
+    assert estimate_unit(extents, words, odds) and estimate_unit(extents[1:], words, odds[:, 1:]) is None
+    assert estimate_unit(0 * extents, words, odds) is None and estimate_unit(extents, (), odds[:0]) is None
+    scattered = np.random.default_rng(0).permuted(np.tile(np.geomspace(0.1, 10, 40)[:, None], 5), axis=0)
+    assert estimate_unit(scattered, words, np.full((len(words), 40), 2.0)) is None
