@@ -61,11 +61,11 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     edges; time grows with its square. Where prompting is each_frame, crops and tracks keep the architecture's own
     size."""
 
-    points_per_side: Count = 16
+    points_per_side: Count = 12
     """Side of the grid of point prompts. The paper uses 32. A denser grid finds smaller objects; the time per
     prompted frame grows with its square."""
 
-    crops_per_side: Annotated[int, Field(ge=1, le=8)] = 2
+    crops_per_side: Annotated[int, Field(ge=1, le=8)] = 3
     """Side of the grid of overlapping crops that are prompted in addition to each whole frame, where prompting is
     each_frame. A crop shows small things larger; masks of large things come from the whole frame. 1 uses no crops.
     The time per prompted frame grows with its square."""
