@@ -53,7 +53,9 @@ def ask(folder: Path) -> Iterator[dict[str, Any]]:
     middle = len(scene.frames) / 2
     for name, frame, crop in read_crops(folder):
         looks = Looks(scene)
-        looks.keep((looks.frame >= middle) != (frame >= middle))
+        chosen = (looks.frame >= middle) != (frame >= middle)
+        for name in ("instance", "frame", "box", "feature"):
+            setattr(looks, name, getattr(looks, name)[chosen])
         row = _judged(looks.find(see(scene.clip, crop), 2, pictured=True)) | {"thing": name, "frame": frame}
         center, diagonal = boxes[name]
         camera = invert(scene.poses[frame])

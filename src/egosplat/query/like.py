@@ -81,11 +81,6 @@ class Looks:
         self._levels = things.facts["levels"]
         self._xyz = things.read("gaussians/xyz").astype(np.float64)
 
-    def keep(self, chosen: NDArray[np.bool_]) -> None:
-        """Forget all views but some, (V,)."""
-        for name in ("instance", "frame", "box", "feature"):
-            setattr(self, name, getattr(self, name)[chosen])
-
     def find(self, asked: Array, most: int, pictured: bool = False, but: Alike | None = None) -> list[Alike]:
         """At most ``most`` things by decreasing similarity to any of (Q, D) features of unit norm, ``but`` for one; of those that overlap,
         the best. With what surrounds them, if they are ``pictured``."""
