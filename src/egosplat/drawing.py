@@ -218,15 +218,3 @@ def save_figure(figure: Figure, output: Path) -> None:
         # savefig would draw once more before, to lay out what is laid out here.
         figure.canvas.print_png(scratch, metadata={"Software": "egosplat"}, pil_kwargs=_COMPRESSION)
     plt.close(figure)
-
-
-def ground_axes(up: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(2, 3) float64 unit vectors that span the plane perpendicular to ``up``, a (3,) unit vector.
-
-    Seen from above, the first points to the right of the page and the second to its top.
-    """
-    # The world axis least parallel to up gives the best-conditioned cross product.
-    helper = np.eye(3)[np.argmin(np.abs(up))]
-    right = np.cross(helper, up)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(up, right)])

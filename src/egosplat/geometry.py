@@ -148,3 +148,15 @@ def rotation_angle(pose: Array) -> Array:
     # scipy's magnitude is accurate for small angles, unlike the arc cosine of the trace.
     flat = np.asarray(pose, dtype=np.float64).reshape(-1, 4, 4)
     return Rotation.from_matrix(flat[:, :3, :3]).magnitude().reshape(pose.shape[:-2])
+
+
+def ground_axes(up: Array) -> Array:
+    """(2, 3) float64 unit vectors that span the plane perpendicular to ``up``, a (3,) unit vector.
+
+    Seen from above, the first points to the right of the page and the second to its top.
+    """
+    # The world axis least parallel to up gives the best-conditioned cross product.
+    helper = np.eye(3)[np.argmin(np.abs(up))]
+    right = np.cross(helper, up)
+    right /= np.linalg.norm(right)
+    return np.stack([right, np.cross(up, right)])

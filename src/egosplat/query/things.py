@@ -13,10 +13,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from torch import Tensor
 
-from egosplat.drawing import ground_axes
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
-from egosplat.geometry import Array, Camera, known_poses
+from egosplat.geometry import Array, Camera, ground_axes, known_poses
 from egosplat.images import evenly_spaced
 from egosplat.progress import track
 from egosplat.query.answers import Thing

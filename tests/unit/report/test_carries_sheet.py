@@ -7,7 +7,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.text import Annotation
 
-from egosplat.drawing import ground_axes
+from egosplat.geometry import ground_axes
 from egosplat.report.sheets.carries_sheet import COLUMNS, PICTURES
 from tests.support.scenes import UP, put_scene
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.drawing import ground_axes
-from egosplat.geometry import Camera
+from egosplat.geometry import Camera, ground_axes
 from egosplat.report.sheets.sheet import palette, tint
 from tests.support.scenes import camera_facts, put_scene
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, seconds_of
-from egosplat.drawing import add_name, empty_grid, ground_axes, plt, show, split_page
-from egosplat.geometry import Array
+from egosplat.drawing import add_name, empty_grid, plt, show, split_page
+from egosplat.geometry import Array, ground_axes
 from egosplat.histories.known import read_spans
 from egosplat.histories.told import clock
 from egosplat.report.sheets.sheet import POINTS, below_cameras, palette, sheet

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, seconds_of
-from egosplat.drawing import add_name, empty_grid, ground_axes, inner_point, plt, show, split_page
+from egosplat.drawing import add_name, empty_grid, inner_point, plt, show, split_page
+from egosplat.geometry import ground_axes
 from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import POINTS, below_cameras, palette, sheet, tint
 

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.drawing import empty_grid, ground_axes, plt, show
+from egosplat.drawing import empty_grid, plt, show
+from egosplat.geometry import ground_axes
 from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import below_cameras, palette, sheet, tint
 

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import AS_GIVEN, FITTED, shown_pixels
-from egosplat.drawing import empty_grid, ground_axes, label_log_axis, middles_of_parts, plt, show, split_page
+from egosplat.drawing import empty_grid, label_log_axis, middles_of_parts, plt, show, split_page
 from egosplat.gaussians.evaluation import Scores
+from egosplat.geometry import ground_axes
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of held-out frames, height of an image and of the corrections [inches].
