@@ -14,13 +14,20 @@ from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
-from tests.support.scenes import camera_facts, put_scene
+from tests.support.scenes import camera_facts, put_scene, sideways
 
 SIZE = 24
 FRAME_COUNT = 9
 HELD_OUT = 4
 CAMERA = Camera(SIZE, SIZE, 22.0, 22.0, SIZE / 2, SIZE / 2)
 SETTINGS = RenderSettings(near_plane=0.1, background="black", backend="auto")
+
+
+def opaque(xyz: np.ndarray, rgb: np.ndarray, *, logit: float = 4.0, sh_degree: int = 0) -> Gaussians:
+    """Gaussians at up to 1000 points whose opacities have this logit."""
+    gaussians = from_points(xyz, rgb, sh_degree=sh_degree, max_points=1000, seed=0)
+    gaussians.logit_opacities.fill_(logit)
+    return gaussians
 
 
 @pytest.fixture(scope="session")
@@ -34,17 +41,13 @@ def points() -> tuple[np.ndarray, np.ndarray]:
 @pytest.fixture(scope="session")
 def truth(points) -> Gaussians:
     """The Gaussians in the pictures: opaque, at ``points``."""
-    gaussians = from_points(*points, sh_degree=0, max_points=1000, seed=0)
-    gaussians.logit_opacities.fill_(3.0)
-    return gaussians
+    return opaque(*points, logit=3.0)
 
 
 @pytest.fixture(scope="session")
 def camera_to_world() -> np.ndarray:
     """(9, 4, 4) a step to the right for each frame, looking ahead."""
-    poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
-    poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAME_COUNT)
-    return poses
+    return sideways(np.linspace(-0.4, 0.4, FRAME_COUNT))
 
 
 def photographs(gaussians: Gaussians, camera_to_world: np.ndarray, camera: Camera = CAMERA) -> np.ndarray:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
@@ -22,8 +21,8 @@ from egosplat.viewing.gaussians import STEP
 from egosplat.viewing.html import Arrays, Facts, data_of, unpack
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.stage import run
-from tests.support.gaussian_scene import SETTINGS, photographs
-from tests.support.scenes import UP, camera_facts, put
+from tests.support.gaussian_scene import SETTINGS, opaque, photographs
+from tests.support.scenes import UP, camera_facts, put, sideways
 
 SIDE = 96
 CAMERA = Camera(SIDE, SIDE, 60.0, 60.0, SIDE / 2, SIDE / 2)
@@ -42,8 +41,7 @@ def wall() -> Gaussians:
     rng = np.random.default_rng(0)
     xyz = rng.uniform([-1.6, -1.2, 1.95], [1.6, 1.2, 2.05], (700, 3))
     rgb = rng.integers(60, 200, (700, 3), dtype=np.uint8)
-    gaussians = from_points(xyz, rgb, sh_degree=1, max_points=1000, seed=0)
-    gaussians.logit_opacities.fill_(3.0)
+    gaussians = opaque(xyz, rgb, logit=3.0, sh_degree=1)
     gaussians.sh[:, 1:] = torch.from_numpy(rng.normal(0, 0.08, (700, 3, 3))).float()
     gaussians.quats.copy_(torch.from_numpy(rng.normal(size=(700, 4))).float())
     gaussians.log_scales += torch.from_numpy(rng.normal(0, 0.3, (700, 3))).float()
@@ -56,8 +54,7 @@ def put_page_scene(
     """Write all artifacts that the page needs, and return the Gaussians; with an ``arm``, perhaps ``masked``, that grows from below in
     frames 1, 2 and 4."""
     gaussians, count, write = wall(), 5, partial(put, folder, origin=origin)
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, 0, 3] = np.linspace(-0.8, 0.8, count)
+    poses = sideways(np.linspace(-0.8, 0.8, count))
     poses[3] = np.nan
     meant = np.digitize(gaussians.means[:, 0].numpy(), [-0.5, 0.5])
     words = encode_phrases(load_open_clip("small", "small", "cpu", "float32"), WORDS).numpy()

@@ -21,6 +21,13 @@ _TIMES = {"timestamp_ns", "exposure_middle_ns"}
 FRAME_STEP_NS = 100_000_000
 
 
+def sideways(x: np.ndarray) -> np.ndarray:
+    """(F, 4, 4) poses of cameras that look ahead, each so far to the right of the origin [m]."""
+    poses = np.tile(np.eye(4), (len(x), 1, 1))
+    poses[:, 0, 3] = x
+    return poses
+
+
 def camera_facts(camera: Camera, **more: Any) -> dict[str, Any]:
     """Facts of frames.zarr and poses.zarr of a plain recording."""
     about = {"recording": "a recording", "format": "plain", "upright": True, "notes": {}}

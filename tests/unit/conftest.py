@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from egosplat.artifacts.provenance import begin
-from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
@@ -18,7 +17,7 @@ from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.query.text import encode_phrases
 from egosplat.survey.stage import FORMAT_VERSION, write_survey
-from tests.support.gaussian_scene import SETTINGS, photographs
+from tests.support.gaussian_scene import SETTINGS, opaque, photographs
 from tests.support.scenes import camera_facts, digests, put
 from tests.support.tiny_clip import write_tiny_clip
 
@@ -82,10 +81,7 @@ def halves() -> Gaussians:
     """Opaque Gaussians on a plane 2 m ahead."""
     along = np.linspace(-1.6, 1.6, 24)
     xyz = np.stack(np.meshgrid(along, along, [2.0]), axis=-1).reshape(-1, 3)
-    rgb = np.full((len(xyz), 3), 120, np.uint8)
-    gaussians = from_points(xyz, rgb, sh_degree=0, max_points=1000, seed=0)
-    gaussians.logit_opacities.fill_(4.0)
-    return gaussians
+    return opaque(xyz, np.full((len(xyz), 3), 120, np.uint8))
 
 
 @pytest.fixture

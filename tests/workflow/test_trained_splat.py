@@ -8,9 +8,9 @@ from PIL import Image
 
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import SPLATS
-from egosplat.gaussians.initialization import from_points
 from egosplat.geometry import Camera
-from tests.support.gaussian_scene import photographs
+from tests.support.gaussian_scene import opaque, photographs
+from tests.support.scenes import sideways
 from tests.support.splat_files import gsplat_columns, ply, write
 
 CAMERA = Camera(96, 96, 88.0, 88.0, 48.0, 48.0)
@@ -23,12 +23,10 @@ def splat(tmp_path):
     random = np.random.default_rng(0)
     points = random.uniform([-1.5, -1.5, 1.8], [1.5, 1.5, 2.2], (80, 3))
     colors = random.integers(256, size=(80, 3), dtype=np.uint8)
-    gaussians = from_points(points, colors, sh_degree=1, max_points=99, seed=0)
-    gaussians.logit_opacities.fill_(3.0)
+    gaussians = opaque(points, colors, logit=3.0, sh_degree=1)
     folder = tmp_path / "project"
     (folder / "images").mkdir(parents=True)
-    frames, poses = [], np.tile(np.eye(4), (6, 1, 1))
-    poses[:, 0, 3] = np.linspace(-0.4, 0.4, 6)
+    frames, poses = [], sideways(np.linspace(-0.4, 0.4, 6))
     for number, picture in enumerate(photographs(gaussians, poses, CAMERA)):
         Image.fromarray(picture).save(folder / f"images/{number}.png")
         opengl = (poses[number] * [1, -1, -1, 1]).tolist()

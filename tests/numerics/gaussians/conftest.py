@@ -12,7 +12,7 @@ from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
 from egosplat.splats import stage
-from tests.support.scenes import camera_facts, put, put_scene
+from tests.support.scenes import camera_facts, put, put_scene, sideways
 
 SIZE, FRAME_COUNT = 20, 7
 CAMERA = Camera(SIZE, SIZE, 18.0, 18.0, SIZE / 2, SIZE / 2)
@@ -37,15 +37,13 @@ def scene(tmp_path: Path) -> Callable[..., Path]:
 
     def make(**changes: Any) -> Path:
         rng = np.random.default_rng(0)
-        poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
-        poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAME_COUNT)
         checks = (np.indices((SIZE, SIZE)) // 5).sum(axis=0) % 2
         arrays = {
             "rgb": np.tile(
                 (checks[..., None] * [200, 120, 40] + 30).astype(np.uint8), (FRAME_COUNT, 1, 1, 1)
             ),
             "train": np.arange(FRAME_COUNT) != 3,
-            "camera_to_world": poses,
+            "camera_to_world": sideways(np.linspace(-0.4, 0.4, FRAME_COUNT)),
             "intrinsics": CAMERA.matrix,
             "points/xyz": rng.uniform([-1.2, -1.2, 1.9], [1.2, 1.2, 2.1], (40, 3)),
             "points/rgb": rng.integers(256, size=(40, 3), dtype=np.uint8),

@@ -15,6 +15,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import LearningRates
 from egosplat.gaussians.training_views import pixel_weight
 from egosplat.language.targets import Targets, code_l1
+from tests.support.scenes import sideways
 
 FRAMES, SIZE = 7, 20
 
@@ -25,8 +26,7 @@ def points(count: int = 40) -> np.ndarray:
 
 def in_unit(unit: float) -> dict[str, np.ndarray]:
     """Poses and points of the scene in units of ``1 / unit`` m."""
-    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
-    poses[:, 0, 3] = np.linspace(-0.4, 0.4, FRAMES) * unit
+    poses = sideways(np.linspace(-0.4, 0.4, FRAMES) * unit)
     return {"camera_to_world": poses, "points/xyz": points() * unit}
 
 

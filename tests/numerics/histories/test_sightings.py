@@ -8,6 +8,7 @@ import pytest
 from egosplat.geometry import Camera
 from egosplat.histories.moves import find_carries
 from egosplat.histories.sightings import see_tracks
+from tests.support.scenes import sideways
 
 CAMERA = Camera(96, 72, 60.0, 60.0, 48.0, 36.0)
 COUNT = 30
@@ -15,8 +16,6 @@ COUNT = 30
 
 def see(mask: np.ndarray, depth: np.ndarray):
     """A track with a mask, in all frames of a camera that goes to the right by 2 m; and the carries of it."""
-    poses = np.tile(np.eye(4), (COUNT, 1, 1))
-    poses[:, 0, 3] = np.linspace(0, 2, COUNT)
     labels = np.where(mask, 0, -1).astype(np.int32)[None]
     recording = SimpleNamespace(
         labels=lambda _: labels,
@@ -24,7 +23,7 @@ def see(mask: np.ndarray, depth: np.ndarray):
         is_track=np.array([True]),
         valid=np.ones(mask.shape, bool),
         camera=CAMERA,
-        camera_to_world=poses,
+        camera_to_world=sideways(np.linspace(0, 2, COUNT)),
     )
     seen, inside = see_tracks(np.arange(COUNT), recording)
     return seen, find_carries(seen, inside, np.arange(COUNT) / 5)

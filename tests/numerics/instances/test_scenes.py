@@ -13,6 +13,7 @@ from egosplat.instances.lifted_masks import lift_masks
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs
 from tests.support.blobs import blobs
+from tests.support.scenes import sideways
 from tests.unit.instances.conftest import CAMERA, FRAMES, SIZE, camera_positions, options
 from tests.unit.instances.test_stage import agreement
 from tests.unit.instances.test_stage import run as merge
@@ -41,8 +42,7 @@ def test_any_size(measured, scene, truth, scale):
     "a pose of a frame that looks away from the scene", outside="its pixels have no instance"
 )
 def test_a_camera_that_sees_nothing(scene):
-    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
-    poses[:, 0, 3] = camera_positions()
+    poses = sideways(camera_positions())
     poses[4] = np.diag([-1.0, 1.0, -1.0, 1.0])
     # It is no training frame: training would place Gaussians before it.
     labels = run(scene(camera_to_world=poses, train=np.arange(FRAMES) != 4)).read("labels")

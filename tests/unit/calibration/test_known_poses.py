@@ -13,6 +13,7 @@ from egosplat.calibration.known_poses import check_numbers, find_known_poses, ma
 from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
+from tests.support.scenes import sideways
 from tests.unit.calibration.conftest import HEIGHT, NAMES, WIDTH
 
 SIZE = (WIDTH, HEIGHT)
@@ -248,8 +249,7 @@ def test_numbers_beyond_a_video_are_named(tmp_path):
 
 def entries(count, **changes):
     """Frames along a line, 0.3 apart."""
-    poses = np.tile(np.eye(4), (count, 1, 1))
-    poses[:, 0, 3] = 0.3 * np.arange(count)
+    poses = sideways(0.3 * np.arange(count))
     return [{"file_path": f"{i}.png", "transform_matrix": poses[i].tolist()} | changes for i in range(count)]
 
 

@@ -28,7 +28,7 @@ from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
 from egosplat.geometry import make_pose
 from egosplat.pipeline.shared_options import CameraOptions
-from tests.support.gaussian_scene import CAMERA, SETTINGS, Stopped, StoppingCheckpoint, views_of
+from tests.support.gaussian_scene import CAMERA, SETTINGS, Stopped, StoppingCheckpoint, opaque, views_of
 
 OFF = CameraOptions(refine_poses="off", compensate_exposure="off")
 BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
@@ -49,8 +49,7 @@ def start(points):
 def test_the_gradient_of_a_pose_is_that_of_finite_differences(points, camera_to_world, backend):
     # At depths far apart, so that no step changes the order in which Gaussians are composited.
     xyz = points[0][:5] * np.linspace(0.5, 1.5, 5)[:, None]
-    few = from_points(xyz, points[1][:5], sh_degree=0, max_points=9, seed=0)
-    few.logit_opacities.fill_(2.0)
+    few = opaque(xyz, points[1][:5], logit=2.0)
     pose = torch.from_numpy(camera_to_world[2])
     weights = torch.linspace(-1.0, 2.0, 24, dtype=torch.float64)[:, None, None] * torch.ones(1, 24, 3)
 

@@ -11,7 +11,7 @@ from scipy import sparse
 from egosplat.geometry import Camera
 from egosplat.instances.lifted_masks import LiftedMasks
 from egosplat.instances.options import InstancesOptions
-from tests.support.scenes import camera_facts, put_scene
+from tests.support.scenes import camera_facts, put_scene, sideways
 
 SIZE, FRAMES, DISTANCE = 48, 10, 2.0
 CAMERA = Camera(SIZE, SIZE, 40.0, 40.0, SIZE / 2, SIZE / 2)
@@ -64,14 +64,12 @@ def marked(truth: np.ndarray) -> np.ndarray:
 def masks_of_wall(folder: Path, facts: dict[str, object] | None = None, **changes: np.ndarray) -> Path:
     """Put frames, poses and segments; each mask of every second frame is an instance of its own."""
     truth = truth_of_wall()
-    poses = np.tile(np.eye(4), (FRAMES, 1, 1))
-    poses[:, 0, 3] = camera_positions()
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(-2, 2, 800), rng.uniform(-1.5, 1.5, 800), np.full(800, DISTANCE)])
     arrays = {
         "rgb": COLORS[truth],
         "train": np.arange(FRAMES) != 5,
-        "camera_to_world": poses,
+        "camera_to_world": sideways(camera_positions()),
         "intrinsics": CAMERA.matrix,
         "points/xyz": points,
         "points/rgb": COLORS[(points[:, 0] > 0).astype(int)],

@@ -11,13 +11,12 @@ import torch
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS
-from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Masking, open_masking
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
-from tests.support.gaussian_scene import CAMERA, SETTINGS, SIZE, photographs
-from tests.support.scenes import LEVELS, camera_facts, put
+from tests.support.gaussian_scene import CAMERA, SETTINGS, SIZE, opaque, photographs
+from tests.support.scenes import LEVELS, camera_facts, put, sideways
 
 LINEAR = {"compression": "linear", "dims": "auto"}
 FRAME_COUNT = 5
@@ -34,18 +33,13 @@ def wall() -> Gaussians:
     """Opaque Gaussians on a plane 2 m ahead."""
     grid = np.stack(np.meshgrid(np.linspace(-1.6, 1.6, 16), np.linspace(-1.6, 1.6, 16), [2.0]), axis=-1)
     xyz = grid.reshape(-1, 3)
-    rgb = np.random.default_rng(0).integers(256, size=(len(xyz), 3), dtype=np.uint8)
-    gaussians = from_points(xyz, rgb, sh_degree=0, max_points=1000, seed=0)
-    gaussians.logit_opacities.fill_(4.0)
-    return gaussians
+    return opaque(xyz, np.random.default_rng(0).integers(256, size=(len(xyz), 3), dtype=np.uint8))
 
 
 @pytest.fixture(scope="session")
 def camera_to_world() -> np.ndarray:
     """(5, 4, 4) a small step to the right for each frame, looking ahead."""
-    poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
-    poses[:, 0, 3] = np.linspace(-0.2, 0.2, FRAME_COUNT)
-    return poses
+    return sideways(np.linspace(-0.2, 0.2, FRAME_COUNT))
 
 
 @pytest.fixture(scope="session")

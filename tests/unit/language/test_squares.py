@@ -12,7 +12,6 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import TILE_SCALES, TILES
 from egosplat.errors import UserError
-from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.training_views import Masking
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.method import Coded, Method
@@ -29,7 +28,7 @@ from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from egosplat_rivals import loop
 from egosplat_rivals.tile_views import TileViews, pyramid
-from tests.support.gaussian_scene import SETTINGS
+from tests.support.gaussian_scene import SETTINGS, opaque
 from tests.support.scenes import camera_facts, put, put_scene
 from tests.unit.language.conftest import (
     CAMERA,
@@ -59,10 +58,7 @@ def squares():
     side = np.linspace(-0.6, 0.6, 13)
     grid = np.stack(np.meshgrid(side, side, [2.0]), axis=-1).reshape(-1, 3)
     xyz = np.concatenate([grid + [-0.9, 0, 0], grid + [0.9, 0, 0]])
-    black = np.zeros((len(xyz), 3), np.uint8)
-    gaussians = from_points(xyz, black, sh_degree=0, max_points=1000, seed=0)
-    gaussians.logit_opacities.fill_(4.0)
-    return gaussians
+    return opaque(xyz, np.zeros((len(xyz), 3), np.uint8))
 
 
 def square_of(pose: np.ndarray, margin: float) -> np.ndarray:

@@ -5,14 +5,13 @@ import pytest
 
 from egosplat.geometry import Camera, ground_axes
 from egosplat.report.sheets.sheet import palette, tint
-from tests.support.scenes import camera_facts, put_scene
+from tests.support.scenes import camera_facts, put_scene, sideways
 
 SIDE = 24
 
 
 def recording(folder, frames: int, evaluation: int, points: int, instances: int, registered: int):
-    rng, poses = np.random.default_rng(0), np.tile(np.eye(4), (frames, 1, 1))
-    poses[:, 0, 3] = np.arange(frames)
+    rng, poses = np.random.default_rng(0), sideways(np.arange(frames))
     poses[registered:] = np.nan
     arrays = {
         "rgb": rng.integers(0, 255, (frames, SIDE, SIDE, 3), dtype=np.uint8),
@@ -55,8 +54,7 @@ def gaussians(folder, held_out: int, records: int, corrections: int):
     facts |= {"iteration": 10, "views": {"training": 3}, "training_s": 1.25, "rasterizer": "reference"}
     if corrections:
         facts |= {"scene_depth": 2.0, "up": [0.0, -1.0, 0.0]}
-        poses = np.tile(np.eye(4), (frames, 1, 1))
-        poses[:, 0, 3] = np.arange(frames)
+        poses = sideways(np.arange(frames))
         poses[-1] = np.nan
         arrays |= {
             "held_out/psnr_given": np.full(held_out, 20.5),

@@ -12,7 +12,7 @@ from egosplat.geometry import Camera
 from egosplat.transient.network import make_network
 from egosplat.transient.objective import InitialObjective
 from egosplat.transient.options import TransientOptions
-from tests.support.scenes import camera_facts, put_scene
+from tests.support.scenes import camera_facts, put_scene, sideways
 
 SIZE = 32
 FRAME_COUNT = 6
@@ -65,12 +65,10 @@ def scene(tmp_path, pictures) -> Callable[..., Path]:
         labels = np.full((FRAME_COUNT, 3, SIZE, SIZE), -1, np.int32)
         labels[:, 2, SIZE // 2 :] = 1
         labels[:, 2][(pictures == 255).all(axis=-1)] = 0
-        poses = np.tile(np.eye(4), (FRAME_COUNT, 1, 1))
-        poses[:, 0, 3] = np.linspace(-0.1, 0.1, FRAME_COUNT)
         arrays = {
             "rgb": pictures,
             "train": np.arange(FRAME_COUNT) != 3,
-            "camera_to_world": poses,
+            "camera_to_world": sideways(np.linspace(-0.1, 0.1, FRAME_COUNT)),
             "intrinsics": CAMERA.matrix,
             "points/xyz": rng.uniform([-1.0, -1.0, 1.9], [1.0, 1.0, 2.1], (60, 3)),
             "points/rgb": np.full((60, 3), 90, np.uint8),
