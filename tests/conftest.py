@@ -17,9 +17,9 @@ import pytest
 from filelock import FileLock
 
 from egosplat.progress import show_log
+from tests.support import ROOT
 from tests.support.warm import leave_flushing, run_snakemake, share_servers
 
-ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
 
 

@@ -13,7 +13,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from tests.support import ROOT
+
 LISTS = Path(__file__).parent
 PROGRAMS = Path(sys.executable).parent
 

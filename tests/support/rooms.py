@@ -10,7 +10,8 @@ import sys
 import tomllib
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support import ROOT
+
 BUDGETS = ROOT / "rooms.toml"
 SINGLE = "single modules"
 

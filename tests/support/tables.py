@@ -1,4 +1,10 @@
-"""Read the tables that benchmarks print."""
+"""Read tables: those that benchmarks print, and one of scenes."""
+
+from pathlib import Path
+
+from egosplat.pipeline.config import resolve
+from egosplat.pipeline.scenes import Scene, read_scenes
+from tests.support import PRESETS
 
 
 def cells(text: str) -> list[list[str]]:
@@ -7,3 +13,9 @@ def cells(text: str) -> list[list[str]]:
         [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line[:1] == "|"
     ]
     return [row for row in rows if set("".join(row)) - set("-:")]
+
+
+def scenes_of(folder: Path, text: str, **user: object) -> dict[tuple[str, str], Scene]:
+    """Write ``scenes.tsv`` and read its scenes, with a user's keys."""
+    (folder / "scenes.tsv").write_text(text, encoding="utf-8")
+    return read_scenes(resolve({"scenes": str(folder / "scenes.tsv"), **user}, PRESETS))

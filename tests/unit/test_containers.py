@@ -3,9 +3,9 @@
 import re
 import shlex
 import tomllib
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
+from tests.support import ROOT
+
 DOCKER = (ROOT / "containers/Dockerfile").read_text()
 APPTAINER = (ROOT / "containers/egosplat.def").read_text()
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]

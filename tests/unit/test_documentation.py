@@ -13,8 +13,8 @@ from egosplat.alarms.table import TABLE
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.stages import PIPELINE, STAGES
+from tests.support import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("docs", "config", "benchmarks", "training", "src")
 PAGES = sorted([*ROOT.glob("*.md"), *(page for name in FOLDERS for page in (ROOT / name).rglob("*.md"))])
 TEXTS = {".md", ".py", ".yaml", ".smk", ".rst", ".tsv", ".h", ".cpp", ".sh"}

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from egosplat.pipeline.code_hash import modules_of
 from egosplat.pipeline.stages import STAGES
+from tests.support import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src" / "egosplat"
 APARTMENTS = ROOT / "src" / "egosplat_apartments"
 RIVALS = ROOT / "src" / "egosplat_rivals"

@@ -2,7 +2,6 @@
 
 import re
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import yaml
@@ -10,8 +9,7 @@ import yaml
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.pipeline import config
 from egosplat.pipeline.validation import schema
-
-ROOT = Path(__file__).resolve().parents[2]
+from tests.support import ROOT
 
 
 def prose() -> str:

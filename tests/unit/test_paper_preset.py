@@ -1,17 +1,15 @@
 """docs/method.md says what ``preset: paper`` resolves to, and leaves none of its keys out."""
 
 import re
-from pathlib import Path
 
 import pytest
 import yaml
 
 from egosplat.pipeline import config
 from egosplat.pipeline.model_sets import DEFAULTS
+from tests.support import PRESETS, ROOT
 
 FOLLOW = {f"{section}.{name}" for section, keys in DEFAULTS["published"].items() for name in keys}
-ROOT = Path(__file__).resolve().parents[2]
-PRESETS = ROOT / "config" / "presets"
 VALUE = re.compile(r"`(?P<key>[a-z_0-9]+\.[a-z_0-9]+)`(?: \((?P<format>[a-z0-9]+)\))? `(?P<value>.*?)`")
 
 

@@ -3,7 +3,6 @@
 import re
 import subprocess
 from collections import Counter
-from pathlib import Path
 
 import pytest
 
@@ -11,8 +10,8 @@ from egosplat.pipeline import config
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat_apartments.world.world import make_world
 from egosplat_rivals.scored_scenes import VALIDATION
+from tests.support import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 NAME = re.compile(r"scene(?:6|7|8|9|10)\b|scene\{[^}]*\b(?:6|7|8|9|10)\b|/scene\*|/scene\[")
 
 

@@ -16,6 +16,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import TILES as TILES_SCHEMA
 from egosplat_rivals import tiles_stage
 from egosplat_rivals.options import TilesOptions
+from tests.support import ROOT
 from tests.support.local_slurm import UNDER_WAY
 from tests.support.waiting import wait_for
 from tests.support.warm import on_cluster, run_snakemake
@@ -25,7 +26,6 @@ pytestmark = pytest.mark.slow
 SCENE = Path("results/adt/scene1")
 METRICS = str(SCENE / "metrics.json")
 FRAMES = "results/mine/scene/frames.zarr"
-ROOT = Path(__file__).parents[2]
 PROFILE = ROOT / "workflow/profiles/slurm"
 COSTS = {"created", "wall_s", "cpu_s", "peak_memory_mb", "training_s", "disk_mb"}
 """Keys of provenance that differ between equal runs."""

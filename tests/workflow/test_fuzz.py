@@ -15,10 +15,9 @@ from egosplat.pipeline import config
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.options import LARGEST_INTEGER, keys_of
 from egosplat.pipeline.scenes import check_recording, read_scenes
+from tests.support import HEADER, PRESETS
+from tests.support.tables import scenes_of
 
-ROOT = Path(__file__).resolve().parents[2]
-PRESETS = ROOT / "config" / "presets"
-HEADER = "dataset\tscene\tformat\trecording\toptions\n"
 SECTIONS = [*keys_of(GeneralOptions), *config.section_options()]
 KEYS = [(section, name) for section in config.section_options() for name in config.section_keys(section)]
 
@@ -122,14 +121,9 @@ def test_ambiguous_yaml_is_named(tmp_path, content):
         config.parse_options(f"frames.stride={content.replace(' ', '')}\0", "line 2")
 
 
-def read(tmp_path, text):
-    (tmp_path / "scenes.tsv").write_text(text, encoding="utf-8")
-    return read_scenes(config.resolve({"scenes": str(tmp_path / "scenes.tsv")}, PRESETS))
-
-
 def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
     text = f"{HEADER}# all mine\n\n   \n # mine\n\t\t\nmine\ts1\tplain\twalk #1.mp4\tframes.stride=2\n"
-    scene = read(tmp_path, text)["mine", "s1"]
+    scene = scenes_of(tmp_path, text)["mine", "s1"]
     assert scene.recording == Path("walk #1.mp4") and scene.config["frames"]["stride"] == 2
 
 
@@ -151,15 +145,15 @@ def test_a_recording_may_hold_what_a_comment_begins_with(tmp_path):
 )
 def test_an_invalid_row_is_named_with_its_line(tmp_path, row, message):
     with pytest.raises(UserError, match=message):
-        read(tmp_path, f"{HEADER}{row}\n")
+        scenes_of(tmp_path, f"{HEADER}{row}\n")
     with pytest.raises(UserError, match="scenes.tsv, line 1: has columns"):
-        read(tmp_path, "")
+        scenes_of(tmp_path, "")
 
 
 def test_a_table_saved_by_a_spreadsheet_in_the_home_folder_is_read(tmp_path, monkeypatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     text = "\ufeff" + (HEADER + "mine\ts1\tplain\tx\t\n").replace("\n", "\r\n")
-    scenes = read(tmp_path, text)
+    scenes = scenes_of(tmp_path, text)
     with pytest.raises(UserError, match="at x"):
         check_recording(scenes["mine", "s1"])
     assert list(read_scenes(config.resolve({"scenes": "~/scenes.tsv"}, PRESETS))) == [*scenes]

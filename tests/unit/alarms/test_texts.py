@@ -2,7 +2,6 @@
 
 import math
 import re
-from pathlib import Path
 
 import pytest
 
@@ -16,8 +15,8 @@ from egosplat.alarms.artifact_alarms import (
 from egosplat.alarms.statistics import relative_agreement
 from egosplat.alarms.table import TABLE, Alarm
 from egosplat.pipeline.config import read_yaml, section_keys
+from tests.support import ROOT
 
-ROOT = Path(__file__).resolve().parents[3]
 CONSTANT = [key for key, row in TABLE.items() if row.limit is not None]
 SHOWN = [key for key in CONSTANT if "{value" in TABLE[key].sentence]
 CAUSED = [key for key, row in TABLE.items() if row.causes]

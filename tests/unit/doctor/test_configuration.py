@@ -1,13 +1,10 @@
 """The doctor reads the configuration that the workflow would read."""
 
-from pathlib import Path
-
 import pytest
 
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
-
-ROOT = Path(__file__).resolve().parents[3]
+from tests.support import ROOT
 
 
 def test_defaults_hold_without_a_file(folder):

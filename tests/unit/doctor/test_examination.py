@@ -15,8 +15,7 @@ from egosplat.errors import UserError
 from egosplat.models.checkpoints import PHOTO_WEIGHTS
 from egosplat.rasterize import cuda
 from egosplat.rasterize.kernels import library
-
-HEADER = "dataset\tscene\tformat\trecording\toptions\n"
+from tests.support import HEADER
 
 
 @pytest.fixture

@@ -21,8 +21,7 @@ from egosplat.models.checkpoints import (
     sam2_configs,
 )
 from egosplat.pipeline.config import resolve
-
-PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
+from tests.support import PRESETS
 
 
 def keys_of(sam2: Path, clip: Path) -> dict[str, str]:

@@ -26,11 +26,11 @@ from egosplat.segments import stage as segments_stage
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
 from egosplat.transient.network import ENCODER as NETWORK_ENCODER
 from egosplat.transient.network import make_network
+from tests.support import PRESETS
 from tests.support.scenes import LEVELS, put
 
 pytestmark = pytest.mark.slow
 
-PRESETS = Path(__file__).resolve().parents[3] / "config/presets"
 PRECISIONS = ("float32", "bfloat16")
 SAVE = {"SAM2": save_sam2, "OpenCLIP": save_clip, "timm": save_encoder}
 # Channels of the features of each OpenCLIP.

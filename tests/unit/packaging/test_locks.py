@@ -3,13 +3,13 @@
 import re
 import subprocess
 import tomllib
-from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-ROOT = Path(__file__).resolve().parents[3]
+from tests.support import ROOT
+
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = ABOUT["optional-dependencies"]
 

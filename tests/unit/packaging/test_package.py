@@ -16,10 +16,10 @@ import pytest
 
 from egosplat.rasterize.kernels.targets import VARIANTS
 from egosplat_apartments.rays.library import LIBRARY
+from tests.support import ROOT
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).resolve().parents[3]
 TARGET = "results/adt/scene1/metrics.json"
 
 # In the repository, but no part of the distributions.

@@ -19,9 +19,9 @@ from egosplat.pipeline.options import Options, keys_of
 from egosplat.pipeline.scenes import SHIPPED_DATASETS, is_own, read_scenes
 from egosplat.pipeline.stages import STAGES, path_help
 from egosplat.pipeline.variants import variant_config
+from tests.support import HEADER, PRESETS, ROOT
+from tests.support.tables import scenes_of
 
-ROOT = Path(__file__).resolve().parents[3]
-PRESETS = ROOT / "config" / "presets"
 LADDER = keys_of(GeneralOptions)["preset"]["enum"]
 SECTIONS = config.section_options()
 
@@ -154,14 +154,6 @@ def test_the_reference_page_holds_every_key_once_under_its_section():
     assert all(path in found[section] for path, section in links)
 
 
-HEADER = "dataset\tscene\tformat\trecording\toptions\n"
-
-
-def table(tmp_path, text: str, **user):
-    (tmp_path / "scenes.tsv").write_text(text)
-    return read_scenes(config.resolve({"scenes": str(tmp_path / "scenes.tsv"), **user}, PRESETS))
-
-
 def test_the_paper_s_ten_sequences_are_in_the_table():
     scenes = read_scenes(config.resolve({"scenes": str(ROOT / "config" / "scenes.tsv")}, PRESETS))
     benchmarks = [(dataset, scene) for dataset, scene in scenes if dataset in ("lerf", "3d_ovs")]
@@ -186,7 +178,7 @@ def test_a_configured_root_replaces_a_synthetic_recording_but_none_that_is_absen
     tmp_path, recording, root, synthetic, path
 ):
     row = f"# a note\nadt\tscene6\tadt\t{recording}\tsynthetic.seed=7 frames.stride=3 frames.end_s=2.5\n"
-    scene = table(tmp_path, HEADER + row, data_root={"adt": root})["adt", "scene6"]
+    scene = scenes_of(tmp_path, HEADER + row, data_root={"adt": root})["adt", "scene6"]
     assert (scene.synthetic, scene.by_name, scene.recording) == (synthetic, recording == "-", Path(path))
     assert scene.config["frames"]["stride"] == 3 and scene.config["frames"]["end_s"] == 2.5
 
@@ -196,7 +188,7 @@ def test_a_format_has_keys_of_its_own_between_the_preset_and_the_row(tmp_path):
     rows = "adt\ts\tadt\tr\t\nmine\th\thoi4d\tr\t\nmine\ti\thoi4d\tr\tmasks.threshold=0.3\n"
 
     def found(**user):
-        scenes = table(tmp_path, HEADER + rows, preset="paper", **user)
+        scenes = scenes_of(tmp_path, HEADER + rows, preset="paper", **user)
         return [(s.config["frames"]["resolution"], s.config["masks"]["threshold"]) for s in scenes.values()]
 
     assert found() == [(1408, 0.02), (1889, 0.1), (1889, 0.3)]

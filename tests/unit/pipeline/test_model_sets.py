@@ -10,11 +10,12 @@ from egosplat.pipeline import config
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.model_sets import CATALOGUE, DEFAULTS, LIBRARIES, locate_checkpoints, named_model
 from egosplat.pipeline.options import keys_of
-from egosplat.pipeline.scenes import Scene, read_scenes
+from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.variants import reaches, scene_config, variant_config
+from tests.support import HEADER, PRESETS
+from tests.support.tables import scenes_of
 
-PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
 PUBLISHED, SMALL = ({"models": {"set": name}} for name in ("published", "small"))
 VALUES = DEFAULTS["published"]
 FOLLOW = [(section, name) for section, keys in VALUES.items() for name in keys]
@@ -26,9 +27,8 @@ def resolved(**user):
 
 def scene(tmp_path: Path, format: str = "plain", options: str = "", recording: str = "r", **user) -> Scene:
     """The only scene of a table."""
-    table, row = tmp_path / "scenes.tsv", f"mine\ts\t{format}\t{recording}\t{options}\n"
-    table.write_text(f"dataset\tscene\tformat\trecording\toptions\n{row}")
-    (found,) = read_scenes(resolved(scenes=str(table), **user)).values()
+    row = f"mine\ts\t{format}\t{recording}\t{options}\n"
+    (found,) = scenes_of(tmp_path, HEADER + row, **user).values()
     return found
 
 

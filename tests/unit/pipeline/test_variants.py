@@ -18,9 +18,9 @@ from egosplat.pipeline.variants import (
     variant_config,
     with_presets,
 )
+from tests.support import PRESETS
 
 BASE = defaults()
-PRESETS = Path(__file__).parents[3] / "config" / "presets"
 
 
 # Configurations in which training takes all frames, so that the survey decides masks and tracks alone.

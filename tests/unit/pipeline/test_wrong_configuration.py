@@ -10,9 +10,8 @@ from egosplat.pipeline import config
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.pipeline.strict_yaml import load_yaml, read_yaml
 from egosplat.pipeline.variants import variant_config
+from tests.support import HEADER, PRESETS
 
-PRESETS = Path(__file__).resolve().parents[3] / "config" / "presets"
-HEADER = "dataset\tscene\tformat\trecording\toptions\n"
 ROW = HEADER + "adt\ts\tadt\tr\t\n"
 GIVEN = {"splats": {"source": "point_cloud.ply"}}
 

@@ -12,9 +12,9 @@ import pytest
 import egosplat
 from egosplat.artifacts import reader
 from egosplat.errors import UserError
+from tests.support import ROOT
 from tests.support.page_scene import put_histories
 
-ROOT = Path(__file__).resolve().parents[3]
 SHEET = dict.fromkeys(("frames", "annotations", "poses", "output"), "f")
 
 

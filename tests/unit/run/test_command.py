@@ -18,9 +18,8 @@ from egosplat.pipeline.home import CONFIG, find_home, make_command
 from egosplat.pipeline.stages import STAGES
 from egosplat.run import command
 from egosplat.run.command import make_scene
+from tests.support import ROOT
 from tests.unit.run.conftest import write_pictures
-
-ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from egosplat.pipeline.scenes import Scene, default_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.run import jobs
 from egosplat.run.jobs import Job, default_results, results_by_survey
+from tests.support import PRESETS
 
-PRESETS = Path(__file__).resolve().parents[3] / "config/presets"
 CONFIG = resolve(
     {"variants": {"v": {"features": {"dims": 4}}, "still": {"splats": {"masking": "none"}}}}, PRESETS
 )
