@@ -52,14 +52,6 @@ def colmap_folder(pictures: Path, model: pycolmap.Reconstruction) -> Path:
 
 
 @pytest.fixture
-def text_folder(pictures: Path, model: pycolmap.Reconstruction) -> Path:
-    """The model as .txt files beside the pictures."""
-    (folder := pictures / "colmap").mkdir()
-    model.write_text(folder)
-    return folder
-
-
-@pytest.fixture
 def transforms(pictures: Path, model: pycolmap.Reconstruction) -> Callable[..., Path]:
     """Write a ``transforms.json`` beside the pictures as nerfstudio does, with changed keys; None drops a key."""
     frames = []

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 import trimesh
 
@@ -32,9 +33,10 @@ def check_poses(contents, model):
         np.testing.assert_allclose(pose, [*true[Path(name).name], [0, 0, 0, 1]], atol=1e-12)
 
 
-@pytest.mark.parametrize("folder", ["colmap_folder", "text_folder"])
-def test_a_colmap_model_is_read_as_it_is(pictures, model, folder, request):
-    request.getfixturevalue(folder)
+@pytest.mark.parametrize("write", [pycolmap.Reconstruction.write_binary, pycolmap.Reconstruction.write_text])
+def test_a_colmap_model_is_read_as_it_is(pictures, model, write):
+    (pictures / "colmap").mkdir()
+    write(model, pictures / "colmap")
     contents = read_known_poses(pictures, "colmap", *SIZE)
     assert contents.lenses == [Lens("RADIAL", WIDTH, HEIGHT, (60.0, 31.0, 25.0, 0.05, -0.01))]
     check_poses(contents, model)
@@ -130,8 +132,10 @@ BAD_MODELS = [
 
 
 @pytest.mark.parametrize("name, old, new, problem", BAD_MODELS)
-def test_a_bad_text_model_is_named(pictures, text_folder, name, old, new, problem):
-    path = text_folder / f"{name}.txt"
+def test_a_bad_text_model_is_named(pictures, model, name, old, new, problem):
+    (folder := pictures / "colmap").mkdir()
+    model.write_text(folder)
+    path = folder / f"{name}.txt"
     path.write_text(re.sub(old, new, path.read_text(), count=1, flags=re.DOTALL), encoding="latin-1")
     with pytest.raises(UserError, match=f"colmap[:/] ?({problem})") as caught:
         read_known_poses(pictures, "colmap", *SIZE)

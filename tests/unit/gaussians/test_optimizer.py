@@ -8,6 +8,7 @@ import torch
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.rasterize.kernels import library
+from tests.unit.gaussians.test_model import make as random_gaussians
 
 RATES = LearningRates(means=1e-3)
 
@@ -22,9 +23,7 @@ def implementation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
 
 
 def make(n: int, channels: int = 2) -> Gaussians:
-    generator = torch.Generator().manual_seed(7)
-    shapes = [(n, 3), (n, 4), (n, 3), (n,), (n, 9, 3), (n, channels)]
-    return Gaussians(*(torch.randn(shape, generator=generator) for shape in shapes)).requires_grad_()
+    return random_gaussians(n, 2, channels, seed=7).requires_grad_()
 
 
 def set_gradients(gaussians: Gaussians, seed: int, scale: float = 1.0) -> None:

@@ -73,12 +73,8 @@ def test_a_model_that_needs_the_hub_is_rejected(model):
         read_description(model, None)
 
 
-def text(**keys: object) -> dict:
-    return {"model_cfg": {"text_cfg": keys}}
-
-
-def vision(**keys: object) -> dict:
-    return {"model_cfg": {"vision_cfg": keys}}
+def part(name: str, **keys: object) -> dict:
+    return {"model_cfg": {f"{name}_cfg": keys}}
 
 
 BITS = bytearray(gzip.compress(bytes(range(256)) * 9, mtime=0))
@@ -90,10 +86,10 @@ LARGE = '{"model_cfg": {"embed_dim": 3, "vision_cfg": "large", "text_cfg": {}}}'
     "edit, message",
     [
         # Keys of the description.
-        (text(hf_tokenizer_name="bert-base-uncased"), "download"),
-        (text(layers=2), "models.clip_model: 12 of"),
-        (vision(timm_model_name="hf-hub:a/b"), "download"),
-        (vision(timm_model_name="resnet18", timm_model_pretrained=True), "download"),
+        (part("text", hf_tokenizer_name="bert-base-uncased"), "download"),
+        (part("text", layers=2), "models.clip_model: 12 of"),
+        (part("vision", timm_model_name="hf-hub:a/b"), "download"),
+        (part("vision", timm_model_name="resnet18", timm_model_pretrained=True), "download"),
         ({"preprocess_cfg": {"mean": 3}}, "preprocess_cfg "),
         ({"preprocess_cfg": {"std": ["a", "b", "c"]}}, "preprocess_cfg "),
         ({"preprocess_cfg": {"interpolation": "magic"}}, "interpolation = 'magic'; .*bicubic, bilinear"),

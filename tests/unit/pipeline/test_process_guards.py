@@ -19,14 +19,18 @@ sys.stdin.read()
 """
 
 
-def another(folder: Path) -> subprocess.Popen[str]:
-    """A process that has looked at the folder and lives on."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", HOLD, folder], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None
+def started(*words: object, **environment: str) -> subprocess.Popen[str]:
+    """A process of Python that has said a line, and lives on."""
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    command = [sys.executable, "-c", *map(str, words)]
+    process = subprocess.Popen(command, env=os.environ | environment, text=True, **pipes)
     process.said = process.stdout.readline().strip()
     return process
+
+
+def another(folder: Path) -> subprocess.Popen[str]:
+    """A process that has looked at the folder."""
+    return started(HOLD, folder)
 
 
 def locked(folder: Path) -> Path:
@@ -94,14 +98,8 @@ time.sleep(600)
 
 
 def stage(started_by: str) -> subprocess.Popen[str]:
-    process = subprocess.Popen(
-        [sys.executable, "-c", STAGE],
-        env=os.environ | {STARTED_BY: started_by},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None and process.stdout.readline() == "begun\n"
+    process = started(STAGE, **{STARTED_BY: started_by})
+    assert process.said == "begun"
     return process
 
 
