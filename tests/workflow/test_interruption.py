@@ -16,6 +16,7 @@ from tests.support.waiting import wait_for
 pytestmark = pytest.mark.slow
 
 SCENE = Path("results/adt/scene1")
+RECORDING = SCENE / "recording"
 
 
 def half_written(workdir) -> list[Path]:
@@ -32,19 +33,28 @@ def writers(workdir) -> list[psutil.Process]:
     return found
 
 
-def started(workdir, target: Path) -> "subprocess.Popen[bytes]":
-    """Snakemake at work on a target, as a terminal has it."""
+def begun(workdir) -> "subprocess.Popen[bytes]":
+    """Snakemake, as a terminal has it, while it makes the recording anew."""
+    shutil.rmtree(workdir.folder / RECORDING)
     # What a shell starts in the background ignores interrupts, and so do its children; on a terminal none does.
     before = ("env", "--default-signal=INT")
-    return workdir.start("--", target, transcript=workdir.folder / "said.txt", before=before)
+    process = workdir.start("--", RECORDING, transcript=workdir.folder / "said.txt", before=before)
+    wait_for(lambda: half_written(workdir))
+    return process
+
+
+def check_recording_is_made(workdir) -> str:
+    """Make the recording, of which nothing is there, with nothing left half-written; what is said of it."""
+    assert not (workdir.folder / RECORDING).exists()
+    said = workdir.run(str(RECORDING))
+    assert (workdir.folder / RECORDING / "video.vrs").exists()
+    assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]
+    return said
 
 
 @pytest.mark.parametrize("how", ["the stage is killed", "Snakemake is interrupted"])
 def test_an_interrupted_stage_leaves_no_partial_artifact(workdir, how):
-    target = SCENE / "recording"
-    shutil.rmtree(workdir.folder / target)
-    process = started(workdir, target)
-    wait_for(lambda: half_written(workdir))
+    process = begun(workdir)
     if how == "the stage is killed":
         stages = writers(workdir)
         assert stages
@@ -55,30 +65,19 @@ def test_an_interrupted_stage_leaves_no_partial_artifact(workdir, how):
     assert process.wait(timeout=300) != 0
     told = "most likely for lack of memory" in (workdir.folder / "said.txt").read_text()
     assert told == (how == "the stage is killed")
-    assert not (workdir.folder / target).exists()
-
-    workdir.run(str(target))
-    assert (workdir.folder / target / "video.vrs").exists()
-    assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]
+    check_recording_is_made(workdir)
     assert not any(check_tree(workdir.folder / "results", lambda _: None).values())
 
 
 def test_after_a_killed_snakemake_the_same_command_goes_on(workdir):
     """Its stage ends with it, and nobody has to unlock."""
-    target = SCENE / "recording"
-    shutil.rmtree(workdir.folder / target)
-    process = started(workdir, target)
-    wait_for(lambda: half_written(workdir))
+    process = begun(workdir)
     assert writers(workdir)
     process.kill()
     process.wait()
     assert any((workdir.folder / ".snakemake/locks").iterdir()), "a killed Snakemake leaves its locks"
     wait_for(lambda: not writers(workdir))
-    assert not (workdir.folder / target).exists()
-
-    assert "was killed: continuing" in workdir.run(str(target))
-    assert (workdir.folder / target / "video.vrs").exists()
-    assert not [path for path in (workdir.folder / SCENE).iterdir() if path.name.endswith(".tmp")]
+    assert "was killed: continuing" in check_recording_is_made(workdir)
 
 
 def test_two_concurrent_runs_do_the_work_once(workdir, tmp_path):

@@ -28,13 +28,13 @@ OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
 EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
 
 
-def survey(masking):
+def survey(masking: str, frames: int = 4) -> dict[str, dict]:
     """The parts of a survey that decide something."""
     return {
         "motion": {"masking": masking},
         "camera": {"refine_poses": True, "compensate_exposure": False},
         "views": {"kept": [0, 1], "digest": "of-kept-frames"},
-        "poses": {"frames": 4},
+        "poses": {"frames": frames},
     }
 
 
@@ -181,8 +181,8 @@ def test_the_survey_decides_what_is_auto_and_nothing_else(moving, track):
     ],
 )
 def test_a_long_recording_has_chunks_where_a_stage_treats_frames_apart(stage, keys, frames, expected):
-    found = survey("none") | {"poses": {"frames": frames}}
-    assert count_chunks(stage, merge(BASE, parse_options(keys, "keys")), found) == expected
+    config = merge(BASE, parse_options(keys, "keys"))
+    assert count_chunks(stage, config, survey("none", frames)) == expected
 
 
 OF_INSTANCES = {"segments", "instances", "view_features", "features"}

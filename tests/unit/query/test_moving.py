@@ -22,6 +22,7 @@ from egosplat.query.text import Texts
 from egosplat.viewing.command import open_page
 from egosplat.viewing.options import PageOptions
 from tests.support.page_scene import put_page_scene
+from tests.unit.histories.test_history import mixed
 
 CUP, BOX, BED, OBJECT = torch.eye(4)
 SECONDS = np.arange(60.0) / 5
@@ -41,10 +42,6 @@ def found(*features, query=CUP, phrase="it", views=VIEWS, least=0.5, worn=()):
     words = Texts(("cup", "box", "bed"), torch.stack([CUP, BOX, BED]), OBJECT[None])
     asked = Texts((phrase,), query[None], OBJECT[None])
     return tracks.find(asked, words, SECONDS, Grading(None, least), QueryOptions())
-
-
-def mixed(share, other):
-    return torch.nn.functional.normalize(share * CUP + (1 - share) * other, dim=0)
 
 
 def test_tracks_that_fit_better_than_every_other_word_are_told_together():

@@ -5,7 +5,6 @@ import os
 import shlex
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,6 +15,7 @@ from egosplat.pipeline.stages import STAGES
 from egosplat.run import jobs
 from egosplat.run.jobs import Job, default_results, results_by_survey
 from tests.support import PRESETS
+from tests.unit.pipeline.test_dag import survey
 
 CONFIG = resolve(
     {"variants": {"v": {"features": {"dims": 4}}, "still": {"splats": {"masking": "none"}}}}, PRESETS
@@ -34,15 +34,6 @@ def scenes(tmp_path, monkeypatch):
         Scene("adt", "named", "adt", Path("results/adt/named/recording"), True, CONFIG, by_name=True),
     ]
     return {(row.dataset, row.scene): row for row in rows}
-
-
-def survey(masking: str, frames: int = 100) -> dict[str, Any]:
-    return {
-        "motion": {"masking": masking},
-        "camera": {"refine_poses": True, "compensate_exposure": True},
-        "views": {"kept": [0], "digest": "abc"},
-        "poses": {"frames": frames},
-    }
 
 
 def words(stage: str, job: Job) -> dict[str, str]:
