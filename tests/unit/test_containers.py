@@ -18,10 +18,6 @@ def instructions() -> list[tuple[str, str]]:
     return [tuple(line.split(maxsplit=1)) for line in lines if line and not line.startswith("#")]
 
 
-def section(name: str) -> str:
-    return re.search(rf"^%{name}\n((?:    .*\n|\n)*)", APPTAINER, re.MULTILINE)[1]
-
-
 def packages(text: str) -> list[str]:
     words = shlex.split(re.search(r"apt-get install (.*?)(?:&&|\n|$)", text)[1])
     return [word for word in words if not word.startswith("--")]
@@ -39,7 +35,8 @@ def test_the_dockerfile_has_known_instructions_in_a_valid_order():
 
 def test_both_recipes_install_the_same():
     (run,) = [value for name, value in instructions() if name == "RUN" and "apt-get" in value]
-    assert packages(run) == packages(section("post")) == sorted(packages(run))
+    post = re.search(r"^%post\n((?:    .*\n|\n)*)", APPTAINER, re.MULTILINE)[1]
+    assert packages(run) == packages(post) == sorted(packages(run))
     for text in (DOCKER, APPTAINER):
         assert "make install" in text and "BASE=ubuntu:24.04" in text and "EXTRA=export" in text
     assert re.search(r"^install:", (ROOT / "Makefile").read_text(), re.MULTILINE)

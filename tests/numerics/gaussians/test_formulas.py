@@ -115,26 +115,20 @@ def test_adam(measured, exponent, seed):
     measured(float((param - exact[0]).norm() / exact[0].norm()))
 
 
-def some(count: int, **changes: torch.Tensor) -> Gaussians:
-    """Gaussians at random places."""
-    values = {
-        "means": torch.rand(count, 3, generator=torch.Generator().manual_seed(0)),
-        "quats": torch.tensor([[1.0, 0, 0, 0]]).repeat(count, 1),
-        "log_scales": torch.full((count, 3), -2.0),
-        "logit_opacities": torch.zeros(count),
-        "sh": torch.zeros(count, 1, 3),
-        "features": torch.zeros(count, 0),
-    }
-    return Gaussians(**values | changes)
-
-
 @pytest.mark.numerics(
     "resets of opacities that float32 rounds to 0 and 1",
     within=1e-6,
     outside="0.05 at most; logits stay finite",
 )
 def test_resets(measured):
-    gaussians = some(4, logit_opacities=torch.tensor([-200.0, -3.0, 3.0, 200.0])).requires_grad_()
+    gaussians = Gaussians(
+        means=torch.rand(4, 3, generator=torch.Generator().manual_seed(0)),
+        quats=torch.tensor([[1.0, 0, 0, 0]]).repeat(4, 1),
+        log_scales=torch.full((4, 3), -2.0),
+        logit_opacities=torch.tensor([-200.0, -3.0, 3.0, 200.0]),
+        sh=torch.zeros(4, 1, 3),
+        features=torch.zeros(4, 0),
+    ).requires_grad_()
     reset_opacities(gaussians, Adam(gaussians, LearningRates(means=0.1)), 0.05)
     assert gaussians.logit_opacities.isfinite().all()
     expected = [0.0, 1 / (1 + math.exp(3)), 0.05, 0.05]

@@ -14,10 +14,6 @@ SECONDS = np.arange(100) / 10
 X, Y, _ = np.eye(3)
 
 
-def span(beyond, shares):
-    return finding._span(np.array(beyond, float), np.array(shares, float)).tolist()
-
-
 @pytest.mark.parametrize(
     ("beyond", "shares", "shown"),
     [
@@ -33,7 +29,7 @@ def span(beyond, shares):
     ],
 )
 def test_a_thing_rests_as_long_as_it_explains_the_pictures(beyond, shares, shown):
-    assert span(beyond, shares) == shown
+    assert finding._span(np.array(beyond, float), np.array(shares, float)).tolist() == shown
 
 
 def test_views_in_which_little_changes_tell_little():

@@ -21,11 +21,6 @@ def candidates(masks):
     return Candidates(logits, torch.full((len(logits),), 0.9), torch.full((len(logits),), 0.9))
 
 
-def bounds_of(most, side):
-    """Bounds of masks of the crop at the frame's top left corner."""
-    return Bounds(0.0, most, single_frames._inner_border(np.s_[0:32, 0:40], SHAPE, side))
-
-
 @pytest.mark.parametrize("per_side", [1, 2, 3, 4])
 def test_crops_cover_the_frame_and_overlap(per_side):
     found = crops_of(480, 640, per_side)
@@ -54,7 +49,9 @@ def test_masks_that_are_large_or_that_a_border_inside_the_frame_cuts_off_are_dro
     masks[1, 10:14, -4:] = True  # an inner border
     masks[2, 20:24, 20:24] = True  # inside
     masks[3, 5:30, 5:30] = True  # large
-    assert prompts.within(torch.from_numpy(masks), bounds_of(0.25, 40)).tolist() == [True, False, True, False]
+    # Of the crop at the frame's top left corner.
+    bounds = Bounds(0.0, 0.25, single_frames._inner_border(np.s_[0:32, 0:40], SHAPE, 40))
+    assert prompts.within(torch.from_numpy(masks), bounds).tolist() == [True, False, True, False]
 
 
 def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():

@@ -66,16 +66,6 @@ def test_compositing_equals_a_plain_loop(count, width, height, low, high, dtype)
     assert found.dtype == dtype and expected_alpha.max() > 0.01
 
 
-def centered(opacities: list[float], depths: list[float]) -> tuple[Tensor, Tensor]:
-    """One pixel under wide Gaussians of colors 1, 10, 100, ...; its color and alpha."""
-    count = len(opacities)
-    conics = torch.tensor([[0.01, 0.0, 0.01]]).double().expand(count, 3)
-    colors = 10.0 ** torch.arange(count).double()[:, None]
-    values = torch.tensor(opacities).double(), colors, torch.tensor(depths).double()
-    found = composite(torch.full((count, 2), 0.5).double(), conics, *values, torch.full((count, 2), 9), 1, 1)
-    return found[0].item(), found[1].item()
-
-
 @pytest.mark.parametrize(
     ("opacities", "depths", "color", "alpha"),
     [
@@ -92,7 +82,13 @@ def centered(opacities: list[float], depths: list[float]) -> tuple[Tensor, Tenso
     ],
 )
 def test_order_end_and_limit_of_compositing(opacities, depths, color, alpha):
-    assert centered(opacities, depths) == pytest.approx((color, alpha))
+    """Of one pixel under wide Gaussians of colors 1, 10, 100, ..."""
+    count = len(opacities)
+    conics = torch.tensor([[0.01, 0.0, 0.01]]).double().expand(count, 3)
+    colors = 10.0 ** torch.arange(count).double()[:, None]
+    values = torch.tensor(opacities).double(), colors, torch.tensor(depths).double()
+    found = composite(torch.full((count, 2), 0.5).double(), conics, *values, torch.full((count, 2), 9), 1, 1)
+    assert (found[0].item(), found[1].item()) == pytest.approx((color, alpha))
 
 
 @pytest.mark.parametrize(("opacity", "slope"), [(0.9985, 1.0), (0.9995, 0.0)])
