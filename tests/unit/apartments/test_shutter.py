@@ -15,7 +15,7 @@ from egosplat_apartments.objects.shapes import Part, box, sheet
 from egosplat_apartments.objects.textures import make_texture
 
 SIZE = 96
-CAMERA = pinhole(SIZE, 460.0)
+CAMERA = pinhole(SIZE)
 DARK = Lights(np.array([0, -50, 0], np.float32), np.array([0, 1, 0], np.float32), ())
 WHITE = make_texture(np.ones((16, 16, 3)), 1.0)
 BLACK = make_texture(np.zeros((16, 16, 3)), 1.0)
