@@ -68,13 +68,6 @@ def middles_of_parts(count: int, most: int) -> list[int]:
     return [count * (2 * part + 1) // (2 * parts) for part in range(parts)]
 
 
-def inner_point(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Column and row of the mask's pixel nearest to its median, which itself may lie outside of the mask."""
-    rows, columns = np.nonzero(mask)
-    nearest = np.argmin((rows - np.median(rows)) ** 2 + (columns - np.median(columns)) ** 2)
-    return int(columns[nearest]), int(rows[nearest])
-
-
 def split_page(page: FigureBase, rows: int, columns: int, **ratios: Any) -> list[SubFigure]:
     """Split a page into parts, row by row; ``ratios`` as for ``FigureBase.subfigures``."""
     return [*page.subfigures(rows, columns, squeeze=False, **ratios).flat]

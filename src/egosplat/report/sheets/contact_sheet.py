@@ -7,9 +7,10 @@ from matplotlib.figure import Figure
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, seconds_of
-from egosplat.drawing import add_name, empty_grid, inner_point, plt, show, split_page
+from egosplat.drawing import add_name, empty_grid, plt, show, split_page
 from egosplat.geometry import ground_axes
 from egosplat.images import evenly_spaced
+from egosplat.query.maps import innermost
 from egosplat.report.sheets.sheet import POINTS, below_cameras, palette, sheet, tint
 
 # Maximum number of frames, and of evaluation frames, and of pictures in a row.
@@ -97,4 +98,4 @@ def _draw_evaluation_frame(axes: Axes, frames: Artifact, annotations: Artifact, 
     show(axes, tinted, f"evaluation frame {index}: {len(values)} instances", 8)
     for value in objects[:LABELS]:
         if (mask := labels == value).mean() >= LEAST_SHARE:
-            add_name(axes, *inner_point(mask), names[value])
+            add_name(axes, *innermost(mask), names[value])

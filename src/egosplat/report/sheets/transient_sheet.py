@@ -8,16 +8,8 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses, seconds_of
-from egosplat.drawing import (
-    add_name,
-    draw_outline,
-    empty_grid,
-    inner_point,
-    middles_of_parts,
-    plt,
-    show,
-    split_page,
-)
+from egosplat.drawing import add_name, draw_outline, empty_grid, middles_of_parts, plt, show, split_page
+from egosplat.query.maps import innermost
 from egosplat.query.scene import read_trained_scene
 from egosplat.report.sheets.sheet import sheet, tint
 
@@ -110,7 +102,7 @@ def _draw_mask(
     sizes = np.bincount(labels[labels >= 0], minlength=len(moves)) * moves
     for instance in np.argsort(-sizes, kind="stable")[: min(LABELS, np.count_nonzero(sizes))]:
         name = f"{instance}: {masks.read('instances/score')[instance]:.2f}"
-        add_name(axes, *inner_point((labels == instance).any(axis=0)), name)
+        add_name(axes, *innermost((labels == instance).any(axis=0)), name)
 
 
 def _draw_scores(axes: Axes, masks: Artifact) -> None:
