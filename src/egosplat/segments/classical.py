@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.images import resize_labels
+from egosplat.images import resize_labels, shrunk_size
 from egosplat.optical_flow import find_flow, is_consistent, pixel_grid, sample
 from egosplat.progress import track as progress
 from egosplat.segments.options import LEVELS
@@ -190,8 +190,7 @@ def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
 def reduce_image(image: NDArray[np.uint8], shown: Bools) -> WorkingImage:
     """Reduce an (H, W, 3) uint8 RGB image to the working size; pixels outside of (H, W) ``shown`` have no influence."""
     height, width = shown.shape
-    scale = min(1.0, _SIDE / max(height, width))
-    size = max(1, round(width * scale)), max(1, round(height * scale))
+    size = shrunk_size(width, height, _SIDE)
     weight = cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     kept = np.where(shown[..., None], image, 0).astype(np.float32) / 255
     valid = weight > 1e-6

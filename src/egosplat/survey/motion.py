@@ -9,7 +9,7 @@ import numpy as np
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, shown_pixels
 from egosplat.geometry import Array, Camera, invert
-from egosplat.images import shrunk_size
+from egosplat.images import resize_mask, shrunk_size
 from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey import views
@@ -136,12 +136,10 @@ def _lasting(pairs: views.Pairs, regions: list[Labels], flows: list[tuple[Floats
 def _working_view(frames: Artifact, poses: Artifact) -> tuple[Bools, Callable[[int], Bools], Camera]:
     """Valid pixels, pixels of each frame that show the scene, and camera, at the size at which flow is computed."""
     _, height, width, _ = frames.shape("rgb")
-    size = shrunk_size(width, height, _SIDE)
+    size, full = shrunk_size(width, height, _SIDE), frames.read("valid")
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height).scaled_to(*size)
-    full = frames.read("valid")
-
-    def shrink(mask: Bools) -> Bools:
-        # A small pixel is valid if all the pixels averaged into it are; the tolerance is for float32.
-        return cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 1 - 1e-6
-
-    return shrink(full), lambda frame: shrink(shown_pixels(frames, frame, full)), camera
+    return (
+        resize_mask(full, *size),
+        lambda frame: resize_mask(shown_pixels(frames, frame, full), *size),
+        camera,
+    )
