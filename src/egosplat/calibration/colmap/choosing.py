@@ -94,11 +94,9 @@ def registered_images(model: pycolmap.Reconstruction) -> list[tuple[int, pycolma
     return [(int(Path(image.name).stem), image) for image in images]
 
 
-def adjust(model: pycolmap.Reconstruction, focal_length: bool, distortion: bool = False) -> None:
-    """Refine poses, points, and if asked focal length and distortion of a model in place; the principal point is kept."""
+def adjust(model: pycolmap.Reconstruction) -> None:
+    """Refine poses, points, focal length and distortion of a model in place; the principal point is kept."""
     options = pycolmap.BundleAdjustmentOptions(print_summary=False)
-    options.refine_focal_length = focal_length
-    options.refine_extra_params = distortion
     # With more threads, the result depends on their order.
     options.ceres.solver_options.num_threads = 1
     config = pycolmap.BundleAdjustmentConfig()

@@ -143,7 +143,7 @@ def _fitted(model: pycolmap.Reconstruction, name: str) -> tuple[pycolmap.Camera,
     params = list(camera.params)
     camera.model = getattr(pycolmap.CameraModelId, name)
     camera.params = params[:3] if name == "SIMPLE_PINHOLE" else params
-    adjust(fitted, focal_length=True, distortion=True)
+    adjust(fitted)
     squares = {}
     for number in fitted.reg_image_ids():
         image = fitted.images[number]
