@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.gaussians.model import Gaussians, rotation_matrices
+from egosplat.gaussians.model import Gaussians, rotations
 from egosplat.gaussians.optimizer import Adam
 from egosplat.gaussians.schedule import TrainingOptions
 
@@ -136,7 +136,7 @@ def split_gaussians(parents: Gaussians, generator: torch.Generator) -> Gaussians
     # Children keep the parent's opacity and colors, as in 3DGS.
     children = Gaussians.concatenate([parents] * _CHILDREN)
     local = random_normal(children.means, generator) * children.scales
-    offsets = (rotation_matrices(children.quats) @ local[:, :, None])[:, :, 0]
+    offsets = (rotations(children.quats) @ local[:, :, None])[:, :, 0]
     return replace(
         children, means=children.means + offsets, log_scales=children.log_scales - math.log(_SHRINK)
     )

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from egosplat.rasterize.reference.projection import rotation_matrices
+
 PARAMETERS = ("means", "quats", "log_scales", "logit_opacities", "sh", "features")
 
 
@@ -107,12 +109,6 @@ def as_rows(tensor: Tensor) -> Tensor:
     return tensor.unsqueeze(1) if tensor.ndim == 1 else tensor.flatten(1)
 
 
-def rotation_matrices(quats: Tensor) -> Tensor:
+def rotations(quats: Tensor) -> Tensor:
     """Convert (N, 4) wxyz quaternions, not normalized, to (N, 3, 3) rotations; a zero quaternion gives the identity."""
-    w, x, y, z = torch.nn.functional.normalize(quats, dim=-1).unbind(-1)
-    rows = [
-        torch.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], dim=-1),
-        torch.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], dim=-1),
-        torch.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], dim=-1),
-    ]
-    return torch.stack(rows, dim=-2)
+    return rotation_matrices(torch.nn.functional.normalize(quats, dim=-1))

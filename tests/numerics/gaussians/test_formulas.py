@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.gaussians.density_control import reset_opacities
 from egosplat.gaussians.initialization import SH_C0, from_points, neighbor_distance
 from egosplat.gaussians.loss import LARGEST_VALUE, l1_ssim, l2, torch_l1_ssim
-from egosplat.gaussians.model import Gaussians, rotation_matrices
+from egosplat.gaussians.model import Gaussians, rotations
 from egosplat.gaussians.optimizer import BETA1, BETA2, EPS, Adam, LearningRates, adam_step
 
 SIZE = 20
@@ -166,8 +166,8 @@ def test_starting_sizes(measured, seed, count, exponent):
 def test_rotation_matrices_match_float64_at_any_length(measured, exponent, seed):
     quats = torch.randn(4, 4, generator=torch.Generator().manual_seed(seed)) * 10.0**exponent
     expected = Rotation.from_quat(quats.double().numpy(), scalar_first=True).as_matrix()
-    measured(np.abs(rotation_matrices(quats).numpy() - expected).max())
-    assert torch.equal(rotation_matrices(torch.zeros(1, 4))[0], torch.eye(3))
+    measured(np.abs(rotations(quats).numpy() - expected).max())
+    assert torch.equal(rotations(torch.zeros(1, 4))[0], torch.eye(3))
 
 
 @pytest.mark.numerics(

@@ -14,7 +14,7 @@ from egosplat.gaussians.density_control import (
     split_gaussians,
     too_large,
 )
-from egosplat.gaussians.model import PARAMETERS, Gaussians, rotation_matrices
+from egosplat.gaussians.model import PARAMETERS, Gaussians, rotations
 from egosplat.gaussians.optimizer import Adam
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.schedule import TrainingOptions
@@ -86,7 +86,7 @@ def test_children_are_drawn_from_their_parent() -> None:
     parents = make(1).detach().select(torch.zeros(4000, dtype=torch.int64))
     parents.log_scales[:] = torch.tensor([0.1, 0.01, 0.001]).log()
     children = split_gaussians(parents, torch.Generator().manual_seed(0))
-    rotation = rotation_matrices(parents.quats[:1])[0]
+    rotation = rotations(parents.quats[:1])[0]
     local = (children.means - parents.means[0]) @ rotation
     expected = torch.diag(torch.tensor([0.1, 0.01, 0.001]))
     torch.testing.assert_close(local.T.cov().sqrt().diag(), expected.diag(), rtol=0.05, atol=0.0)

@@ -73,13 +73,15 @@ def project(
     rows = seen.nonzero().squeeze(-1)
     visible = (tensor.index_select(0, rows) for tensor in (means, quats, scales, opacities))
     footprints = _footprints(*visible, *arguments)
+    uu, uv, vv = footprints.covariances.unbind(dim=-1)
+    inverse = torch.stack([vv, -uv, uu], dim=-1) / footprints.dets[:, None]
 
     def scatter(values: Tensor) -> Tensor:
         return values.new_zeros(len(means), *values.shape[1:]).index_copy(0, rows, values)
 
     return Projected(
         means2d=scatter(footprints.means2d),
-        conics=scatter(_inverse(footprints.covariances, footprints.dets)),
+        conics=scatter(inverse),
         depths=scatter(footprints.depths),
         radii=torch.where(seen[:, None], radii, 0.0).clamp(max=MAX_RADIUS).to(torch.int32),
         opacities=scatter(footprints.opacities),
@@ -111,7 +113,8 @@ def _footprints(
     jacobian_u = torch.stack([fx / z, zero, -fx * slope_x / z], dim=-1)
     jacobian_v = torch.stack([zero, fy / z, -fy * slope_y / z], dim=-1)
     # Rows of J W R S, a square root of the 2D covariance (3DGS, equation 5).
-    axes = rotation @ rotation_matrices(quats) * scales[:, None, :]
+    unit = quats / torch.linalg.vector_norm(quats, dim=-1, keepdim=True)
+    axes = rotation @ rotation_matrices(unit) * scales[:, None, :]
     root_u = torch.einsum("ni,nij->nj", jacobian_u, axes)
     root_v = torch.einsum("ni,nij->nj", jacobian_v, axes)
     uu, uv, vv = (root_u * root_u).sum(-1), (root_u * root_v).sum(-1), (root_v * root_v).sum(-1)
@@ -131,8 +134,8 @@ def _footprints(
 
 
 def rotation_matrices(quats: Tensor) -> Tensor:
-    """(N, 4) quaternions wxyz of any length but 0 -> (N, 3, 3) rotations."""
-    w, x, y, z = (quats / torch.linalg.vector_norm(quats, dim=-1, keepdim=True)).unbind(dim=-1)
+    """(N, 4) quaternions wxyz of unit norm -> (N, 3, 3) rotations; of zeros the identity."""
+    w, x, y, z = quats.unbind(dim=-1)
     entries = [
         1 - 2 * (y * y + z * z),
         2 * (x * y - w * z),
@@ -145,11 +148,6 @@ def rotation_matrices(quats: Tensor) -> Tensor:
         1 - 2 * (x * x + y * y),
     ]
     return torch.stack(entries, dim=-1).unflatten(-1, (3, 3))
-
-
-def _inverse(covariances: Tensor, dets: Tensor) -> Tensor:
-    uu, uv, vv = covariances.unbind(dim=-1)
-    return torch.stack([vv, -uv, uu], dim=-1) / dets[:, None]
 
 
 def _radii(footprints: _Footprints) -> Tensor:
