@@ -15,8 +15,9 @@ from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.pipeline.survey_file import digest_of_frames
+from egosplat.pipeline.validation import write_document
 from egosplat.query.text import encode_phrases
-from egosplat.survey.stage import FORMAT_VERSION, write_survey
+from egosplat.survey.stage import FORMAT_VERSION
 from tests.support.gaussian_scene import SETTINGS, opaque, photographs
 from tests.support.scenes import camera_facts, digests, put
 from tests.support.tiny_clip import write_tiny_clip
@@ -58,7 +59,7 @@ def survey_that_keeps() -> Callable[..., Path]:
             "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},
             "provenance": begin("survey", {}, "synthetic", digests(folder, ["frames"])).record(),
         }
-        write_survey(folder / "survey.json", document)
+        write_document(folder / "survey.json", document, "survey")
         return folder / "survey.json"
 
     return make

@@ -1,7 +1,5 @@
 """A scene of each public benchmark goes from its files to its scores, by the benchmark's own protocol."""
 
-import json
-
 import pytest
 
 from benchmarks.public.boxes import write_3d_ovs, write_lerf
@@ -10,7 +8,7 @@ from egosplat.artifacts import provenance
 from egosplat.evaluation import stage as metrics
 from egosplat.frames import annotations_stage
 from egosplat.pipeline.config import of_format, resolve, stage_values
-from egosplat.pipeline.validation import Draft202012Validator, schema
+from egosplat.pipeline.validation import read_document
 from tests.support.chain import run_all
 from tests.unit.test_paper_preset import PRESETS
 
@@ -31,8 +29,7 @@ def test_from_files_to_scores(tmp_path, monkeypatch, format):
     annotations_stage.run(*given, annotations_stage.AnnotationsOptions())
     options, output = metrics.MetricsOptions(**stage_values("metrics", config)), tmp_path / "metrics.json"
     metrics.run(output=output, options=options, title=f"{format}/boxes", **paths)
-    found = json.loads(output.read_text())
-    Draft202012Validator(schema("metrics")).validate(found)
+    found = read_document(output, "metrics")
     # The models are trained on the evaluation frames, too.
     assert found["counts"]["training_frames"] == found["counts"]["frames"] == 8
     assert {frame["queries"] for frame in found["frames"]} == {3} and len(found["frames"]) == 2

@@ -1,4 +1,4 @@
-"""Build the entries of ``metrics.json``, with how the scene was made, check them against the schema, and write the file."""
+"""Build the entries of ``metrics.json``, with how the scene was made."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -11,24 +11,15 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.evaluation_frames import Evaluation, RegionScore, summarise_rendering
 from egosplat.evaluation.scores import AnsweredQuery, pixel_accuracy, summarise
-from egosplat.files import write_json
 from egosplat.models.checkpoints import SMALL
-from egosplat.pipeline.validation import Draft202012Validator, schema
 
 # Raised with every change of the schema (pipeline/schemas/metrics.schema.yaml).
 FORMAT_VERSION = 6
 
 
-def write_metrics(output: Path, document: Mapping[str, Any]) -> None:
-    """Check a document against the schema (jsonschema.ValidationError), and write it atomically, with sorted keys."""
-    # JSON has no NaN (a mean of nothing) and no infinity (the PSNR of equal images).
-    values = finite(document)
-    Draft202012Validator(schema("metrics")).validate(values)
-    write_json(output, values)
-
-
 def finite(value: Any) -> Any:
     """Replace numbers that are not finite by None, and tuples by lists, at any depth."""
+    # JSON has no NaN (a mean of nothing) and no infinity (the PSNR of equal images).
     if isinstance(value, Mapping):
         return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -12,7 +12,7 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.lineage import Lineage
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, HISTORIES, MASKS, length_unit
-from egosplat.evaluation.document import answer_entries, models_used, provenance_entries, write_metrics
+from egosplat.evaluation.document import answer_entries, finite, models_used, provenance_entries
 from egosplat.evaluation.evaluation_frames import (
     SCORED,
     Evaluation,
@@ -28,6 +28,7 @@ from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.scores import ask_of, run_queries
 from egosplat.gaussians.io import read_exposure
 from egosplat.models.suitability import notice_of_artifacts
+from egosplat.pipeline.validation import write_document
 from egosplat.progress import log
 from egosplat.query.finished_scene import Scene, open_encoded, scene_of
 
@@ -98,7 +99,7 @@ def run(
         document["rendering_without_corrections"] = summarise_rendering([*map(own.rendering_of, own.frames)])
     if scene.rests is not None:
         document["rendering_without_time"] = summarise_rendering(without_time)
-    write_metrics(output, document)
+    write_document(output, finite(document), "metrics")
     for line in (*_score_lines(evaluation.frames, document), *warning_lines(notice, alarms)):
         log(line)
 

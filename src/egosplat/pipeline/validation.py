@@ -8,7 +8,7 @@ import yaml
 from jsonschema import Draft202012Validator
 
 from egosplat.errors import UserError
-from egosplat.files import read_users_json
+from egosplat.files import read_users_json, write_json
 from egosplat.pipeline.home import make_command
 from egosplat.pipeline.messages import not_allowed, shorten
 
@@ -43,3 +43,10 @@ def read_document(path: Path, name: str) -> dict[str, Any]:
         told = not_allowed(".".join(map(str, error.absolute_path)), error.instance, why)
         raise UserError(f"{path}: {told}.\n{again}")
     return document
+
+
+def write_document(path: Path, document: dict[str, Any], name: str) -> None:
+    """Check a JSON result against the schema ``name`` (jsonschema.ValidationError), and write it with sorted keys, whole or not
+    at all."""
+    Draft202012Validator(schema(name)).validate(document)
+    write_json(path, document)

@@ -9,10 +9,9 @@ from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
-from egosplat.files import write_json
 from egosplat.geometry import Camera
-from egosplat.pipeline.survey_file import Survey, digest_of_frames
-from egosplat.pipeline.validation import Draft202012Validator, schema
+from egosplat.pipeline.survey_file import digest_of_frames
+from egosplat.pipeline.validation import write_document
 from egosplat.progress import log
 from egosplat.survey.decisions import decide_camera, decide_motion, median
 from egosplat.survey.motion import measure_motion
@@ -44,7 +43,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
         },
         "provenance": record.record(),
     }
-    write_survey(output, document)
+    write_document(output, document, "survey")
     camera, views = document["camera"], document["views"]
     log(f"motion: {document['motion']['verdict']}")
     refined, compensated = camera["refine_poses"], camera["compensate_exposure"]
@@ -68,9 +67,3 @@ def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any
         "median_depth_m": median(depths),
         "digest": digest_of_frames(kept_frames),
     }
-
-
-def write_survey(output: Path, document: Survey) -> None:
-    """Check a survey against its schema (jsonschema.ValidationError) and write it with sorted keys, whole or not at all."""
-    Draft202012Validator(schema("survey")).validate(document)
-    write_json(output, document)

@@ -15,10 +15,11 @@ from egosplat.artifacts.lineage import check_tree
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, LANGUAGE
 from egosplat.errors import UserError
-from egosplat.evaluation.document import finite, write_metrics
+from egosplat.evaluation.document import finite
 from egosplat.evaluation.evaluation_frames import SCORED, read_evaluation
 from egosplat.evaluation.scores import ask_of
 from egosplat.models.suitability import notice
+from egosplat.pipeline.validation import write_document
 from egosplat.query import finished_scene
 from tests.support.scenes import put
 from tests.unit.evaluation.conftest import ARTIFACTS, score
@@ -237,7 +238,7 @@ def test_counts_provenance_and_costs(usual):
 def test_a_document_that_does_not_match_the_schema_is_not_written(tmp_path):
     assert finite({"a": (math.nan, 1.0), "b": [math.inf, "x"]}) == {"a": [None, 1.0], "b": [None, "x"]}
     with pytest.raises(ValidationError):
-        write_metrics(tmp_path / "metrics.json", {"scene": "a/scene"})
+        write_document(tmp_path / "metrics.json", {"scene": "a/scene"}, "metrics")
     assert list(tmp_path.iterdir()) == []
 
 
