@@ -1,10 +1,8 @@
 """Flags of commands: paths of stages, and ``--options`` and ``--set`` with the keys that they take, listed by ``--help``."""
 
-import atexit
 import gc
 import json
 import re
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,12 +49,6 @@ def without_collection() -> Iterator[None]:
     finally:
         gc.freeze()
         gc.enable()
-
-
-def end_without_collection() -> None:
-    """Leave the objects of this process to the operating system when it ends, which takes Python longer than a query."""
-    # Triton reports each of its objects that is not freed as a leak.
-    atexit.register(lambda: (gc.unfreeze if "triton" in sys.modules else gc.freeze)())
 
 
 def parse_time(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:
