@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.api import rasterization
-from egosplat.rasterize.contract import check_cameras, shows_colors
+from egosplat.rasterize.contract import check_cameras
 from egosplat.rasterize.view import View
 
 # By the recipe of a training.
@@ -105,7 +105,7 @@ def render(
         sh_degree=sh_degree,
         # Colors and features are composited in one pass, by the same weights (docs/method.md#renderer).
         features=gaussians.features if channels else None,
-        backgrounds=backgrounds if shows_colors(render_mode) else None,
+        backgrounds=backgrounds,
         render_mode=render_mode,
         backend=settings.backend,
     )

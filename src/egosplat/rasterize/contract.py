@@ -65,20 +65,20 @@ class Arguments:
         """Whether opacities are lowered to compensate for the blur of ``eps2d``."""
         return self.rasterize_mode == "antialiased"
 
+    @property
+    def shows_colors(self) -> bool:
+        """Whether colors and features are rendered."""
+        return self.render_mode.startswith("RGB")
 
-def shows_colors(render_mode: str) -> bool:
-    """Whether the mode renders colors and features."""
-    return render_mode.startswith("RGB")
+    @property
+    def shows_depth(self) -> bool:
+        """Whether a depth is rendered, as the last channel."""
+        return self.render_mode.endswith("D")
 
-
-def shows_depth(render_mode: str) -> bool:
-    """Whether the mode renders a depth, as the last channel."""
-    return render_mode.endswith("D")
-
-
-def shows_expected_depth(render_mode: str) -> bool:
-    """Whether the depth is divided by the accumulated alpha."""
-    return render_mode.endswith("ED")
+    @property
+    def shows_expected_depth(self) -> bool:
+        """Whether the depth is divided by the accumulated alpha."""
+        return self.render_mode.endswith("ED")
 
 
 def check(arguments: Arguments) -> None:

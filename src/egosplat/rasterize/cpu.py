@@ -6,14 +6,7 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.rasterize.contract import (
-    MIN_DEPTH_ALPHA,
-    Arguments,
-    Render,
-    shows_colors,
-    shows_depth,
-    shows_expected_depth,
-)
+from egosplat.rasterize.contract import MIN_DEPTH_ALPHA, Arguments, Render
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.kernels.lookups import Projected
 from egosplat.rasterize.kernels.raster import composite, project
@@ -32,7 +25,7 @@ def rasterization(arguments: Arguments) -> Render:
         composite(means2d[index], *each[1:], _background(a, index), a.width, a.height)
         for index, each in enumerate(projected)
     ]
-    renders = _batch([_finished(render, alpha, a.render_mode).permute(1, 2, 0) for render, alpha in images])
+    renders = _batch([_finished(a, render, alpha).permute(1, 2, 0) for render, alpha in images])
     alphas = _batch([alpha[..., None] for _, alpha in images])
     meta = {"means2d": means2d, "radii": radii, "depths": depths, "conics": conics, "opacities": seen}
     return renders, alphas, meta | {"width": a.width, "height": a.height, "n_cameras": len(images)}
@@ -57,7 +50,7 @@ def _check_usable(a: Arguments) -> None:
 
 def _sources(a: Arguments) -> tuple[Tensor | None, Tensor | None]:
     """Spherical harmonics to evaluate, and channels to composite unchanged."""
-    if not shows_colors(a.render_mode):
+    if not a.shows_colors:
         return None, None
     if a.sh_degree is not None:
         return a.colors, a.features
@@ -65,16 +58,16 @@ def _sources(a: Arguments) -> tuple[Tensor | None, Tensor | None]:
 
 
 def _background(a: Arguments, index: int) -> Tensor | None:
-    if a.backgrounds is None or not shows_colors(a.render_mode):
+    if a.backgrounds is None or not a.shows_colors:
         return None
     background = a.backgrounds[index]
     # A depth has no background.
-    return torch.nn.functional.pad(background, (0, 1)) if shows_depth(a.render_mode) else background
+    return torch.nn.functional.pad(background, (0, 1)) if a.shows_depth else background
 
 
-def _finished(render: Tensor, alpha: Tensor, render_mode: str) -> Tensor:
+def _finished(a: Arguments, render: Tensor, alpha: Tensor) -> Tensor:
     """(X, H, W) with accumulated depth converted to expected depth in the modes that show it."""
-    if not shows_expected_depth(render_mode):
+    if not a.shows_expected_depth:
         return render
     return torch.cat([render[:-1], render[-1:] / alpha.clamp(min=MIN_DEPTH_ALPHA)])
 

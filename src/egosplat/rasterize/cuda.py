@@ -15,14 +15,7 @@ import torch
 from torch import Tensor
 
 from egosplat.errors import UserError
-from egosplat.rasterize.contract import (
-    Arguments,
-    Render,
-    camera_centers,
-    shows_colors,
-    shows_depth,
-    usable_gaussians,
-)
+from egosplat.rasterize.contract import Arguments, Render, camera_centers, usable_gaussians
 from egosplat.rasterize.reference import rasterizer as reference
 
 # gsplat 1.6 changed the arguments for spherical harmonics and limits alpha to 0.99 instead of 0.999.
@@ -115,7 +108,7 @@ def unsupported(version: str) -> str | None:
 def render(gsplat: ModuleType, arguments: Arguments) -> Render:
     """Translate one call of ``rasterization`` into gsplat's, for N > 0 Gaussians."""
     a = _without_unusable(arguments)
-    if shows_colors(a.render_mode):
+    if a.shows_colors:
         channels, backgrounds = _channels(gsplat, a), a.backgrounds
     else:
         # gsplat requires colors even in modes that do not render them.
@@ -139,7 +132,7 @@ def render(gsplat: ModuleType, arguments: Arguments) -> Render:
         backgrounds=backgrounds,
         render_mode=a.render_mode,
         rasterize_mode=a.rasterize_mode,
-        channel_chunk=min(channels.shape[-1] + shows_depth(a.render_mode), LARGEST_PASS),
+        channel_chunk=min(channels.shape[-1] + a.shows_depth, LARGEST_PASS),
     )
     kept = ("means2d", "radii", "depths", "conics", "opacities", "width", "height", "n_cameras")
     return image, alpha, {name: meta[name] for name in kept}

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from egosplat.rasterize.contract import Arguments, shows_depth
+from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.kernels.library import address, function, plain
 
 
@@ -29,7 +29,7 @@ def project(
     """
     stored, kept = (0 if each is None else each.shape[1] for each in (sh, features))
     coefficients = (a.sh_degree + 1) ** 2 if sh is not None and a.sh_degree is not None else 0
-    flags = int(shows_depth(a.render_mode)), a.width, a.height, int(a.antialiased)
+    flags = int(a.shows_depth), a.width, a.height, int(a.antialiased)
     layout = (len(a.means), stored, coefficients, kept, *flags)
     intrinsics = a.Ks[camera][[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     settings = (*intrinsics, a.near_plane, a.far_plane, a.radius_clip, a.eps2d)

@@ -11,9 +11,6 @@ from egosplat.rasterize.contract import (
     Arguments,
     Render,
     camera_centers,
-    shows_colors,
-    shows_depth,
-    shows_expected_depth,
     usable_gaussians,
 )
 from egosplat.rasterize.reference.projection import project
@@ -47,7 +44,7 @@ def rasterization(arguments: Arguments) -> Render:
     names = ("means2d", "conics", "depths", "radii", "opacities")
     meta = {name: torch.stack([getattr(each, name) for each in projections]) for name in names}
     seen_colors = [a.colors] * len(a.viewmats)
-    if a.sh_degree is not None and shows_colors(a.render_mode):
+    if a.sh_degree is not None and a.shows_colors:
         cameras = zip(camera_centers(a.viewmats), meta["radii"], strict=True)
         seen_colors = [
             view_colors(a.means, a.colors, center, a.sh_degree, radii) for center, radii in cameras
@@ -57,7 +54,7 @@ def rasterization(arguments: Arguments) -> Render:
             meta["means2d"][index],
             meta["conics"][index],
             meta["opacities"][index],
-            _stack_channels(seen_colors[index], a.features, meta["depths"][index], a.render_mode),
+            _stack_channels(a, seen_colors[index], meta["depths"][index]),
             meta["depths"][index],
             meta["radii"][index],
             a.width,
@@ -67,7 +64,7 @@ def rasterization(arguments: Arguments) -> Render:
     ]
     composited, alpha = (torch.stack(parts) for parts in zip(*images, strict=True))
     meta |= {"width": a.width, "height": a.height, "n_cameras": len(a.viewmats)}
-    return _finish(composited, alpha, a.backgrounds, a.render_mode), alpha, meta
+    return _finish(a, composited, alpha), alpha, meta
 
 
 def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, radii: Tensor) -> Tensor:
@@ -83,24 +80,24 @@ def view_colors(means: Tensor, coeffs: Tensor, center: Tensor, sh_degree: int, r
     return colors.new_zeros(len(means), 3).index_copy(0, rows, colors)
 
 
-def _stack_channels(colors: Tensor, features: Tensor | None, depths: Tensor, render_mode: str) -> Tensor:
-    """Stack the (N, X) channels that the mode composites: colors (N, D), features (N, F) or None, depths (N,)."""
+def _stack_channels(a: Arguments, colors: Tensor, depths: Tensor) -> Tensor:
+    """Stack the (N, X) channels that the mode composites: colors (N, D), features (N, F) if any, depths (N,)."""
     parts = []
-    if shows_colors(render_mode):
+    if a.shows_colors:
         parts.append(colors)
-        parts += [] if features is None else [features]
-    if shows_depth(render_mode):
+        parts += [] if a.features is None else [a.features]
+    if a.shows_depth:
         parts.append(depths[..., None])
     return torch.cat(parts, dim=-1)
 
 
-def _finish(composited: Tensor, alpha: Tensor, backgrounds: Tensor | None, render_mode: str) -> Tensor:
+def _finish(a: Arguments, composited: Tensor, alpha: Tensor) -> Tensor:
     """Blend (C, H, W, X) channels with the backgrounds, (C, D + F); convert accumulated to expected depth if needed."""
-    depth_channels = int(shows_depth(render_mode))
+    depth_channels = int(a.shows_depth)
     colors, depth = composited.split([composited.shape[-1] - depth_channels, depth_channels], dim=-1)
-    if backgrounds is not None and shows_colors(render_mode):
-        colors = colors + (1.0 - alpha) * backgrounds[:, None, None, :]
-    if shows_expected_depth(render_mode):
+    if a.backgrounds is not None and a.shows_colors:
+        colors = colors + (1.0 - alpha) * a.backgrounds[:, None, None, :]
+    if a.shows_expected_depth:
         depth = depth / alpha.clamp(min=MIN_DEPTH_ALPHA)
     return torch.cat([colors, depth], dim=-1)
 
