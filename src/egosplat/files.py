@@ -67,9 +67,7 @@ def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]
     Those that killed processes left are removed, too: no other use may share the ``prefix`` of its name.
     """
     parent = parent or Path(tempfile.gettempdir())
-    for left in parent.glob(f"{prefix}*"):
-        with contextlib.suppress(OSError), _locked(left):
-            shutil.rmtree(left)
+    _sweep(filter(Path.is_dir, parent.glob(f"{prefix}*")))
     with tempfile.TemporaryDirectory(prefix=prefix, dir=parent) as name, _locked(Path(name)):
         yield Path(name)
 
@@ -192,7 +190,7 @@ def _begin(path: Path) -> Path:
     if path.exists() and not (path.is_file() or path.is_dir() or path.is_symlink()):
         raise UserError(f"{path}: is there and no regular file or folder; give another --output")
     path.parent.mkdir(parents=True, exist_ok=True)
-    _sweep(path)
+    _sweep(path.parent.glob(f".{path.name}.????????.tmp"))
     return _beside(path)
 
 
@@ -224,9 +222,9 @@ def _locked(scratch: Path) -> Iterator[None]:
         os.close(handle)
 
 
-def _sweep(path: Path) -> None:
-    """Remove the scratch files and directories of killed writers of ``path``."""
-    for left in path.parent.glob(f".{path.name}.????????.tmp"):
+def _sweep(scratch: Iterable[Path]) -> None:
+    """Remove those scratch files and directories whose writers were killed."""
+    for left in scratch:
         # A lock that cannot be taken is held by a writer that still runs.
         with contextlib.suppress(OSError), _locked(left):
             shutil.rmtree(left) if left.is_dir() else left.unlink()
