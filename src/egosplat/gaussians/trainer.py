@@ -10,6 +10,7 @@ from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
+from egosplat.compute import single_thread
 from egosplat.errors import UserError
 from egosplat.gaussians.corrections import Corrections, applied, make_corrections
 from egosplat.gaussians.density_control import DensityControl
@@ -197,6 +198,14 @@ def resume_and_train(
     except UserError:
         checkpoint.remove()
         raise
+
+
+def train_alone(state: TrainingState, views: Views, options: TrainingOptions, checkpoint: Checkpoint) -> None:
+    """Train Gaussians that are not kept as ``resume_and_train`` does, with no view held out."""
+    none = replace(views, frame=views.frame[:0], camera_to_world=views.camera_to_world[:0])
+    # Sums over several threads on a CPU would differ from run to run.
+    with single_thread():
+        resume_and_train(state, ViewSets(views, none), options, checkpoint)
 
 
 def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedule: Schedule) -> None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses
-from egosplat.compute import single_thread
 from egosplat.gaussians.corrections import applied, corrected_poses
 from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians
@@ -18,7 +17,7 @@ from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.trainer import ViewSets, begin, resume_and_train
+from egosplat.gaussians.trainer import begin, train_alone
 from egosplat.gaussians.training_views import Mask, Views, read_views
 from egosplat.instances.options import InstancesOptions
 
@@ -50,15 +49,10 @@ def train_geometry(
     frames, all with a pose. A killed run resumes from its checkpoint with this ``key``, which is kept next to
     ``output``."""
     device = training_device(keys.backend)
-    views, none = (
-        read_views(frames, poses, chosen, device, resolution=keys.resolution)
-        for chosen in (training, np.zeros_like(training))
-    )
+    views = read_views(frames, poses, training, device, resolution=keys.resolution)
     options = TrainingOptions.of(keys, evaluate_every=keys.iterations, **_FEW)
     state = begin(poses, views, options, L1Ssim(options.ssim_lambda), keys)
-    # Sums over several threads on a CPU would differ from run to run.
-    with single_thread():
-        resume_and_train(state, ViewSets(views, held_out=none), options, Checkpoint(output, key))
+    train_alone(state, views, options, Checkpoint(output, key))
     gaussians, cameras = state.gaussians.detach(), poses.read("camera_to_world")
     if (corrections := state.corrections) is not None:
         cameras = corrected_poses(cameras, corrections.values_at(np.arange(len(cameras))))

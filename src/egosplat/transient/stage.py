@@ -14,12 +14,11 @@ from egosplat.artifacts.consistency import check_made_from, kept_frames
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, TRANSIENT, lies_on_its_side
 from egosplat.artifacts.writer import Writer, create
-from egosplat.compute import single_thread
 from egosplat.files import expand_home
 from egosplat.gaussians.corrections import resolve_camera
 from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.trainer import ViewSets, begin, resume_and_train
+from egosplat.gaussians.trainer import begin, train_alone
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
@@ -53,11 +52,7 @@ def run(
     record = provenance.begin_from("transient", options.as_dict() | by_survey, (frames, poses), models)
     training, _ = split_views(frames, poses, kept)
     device = training_device(options.backend)
-    # The trainer takes two sets; nothing is held out, because the Gaussians are discarded.
-    views, none = (
-        read_views(frames, poses, chosen, device, resolution=options.resolution)
-        for chosen in (training, np.zeros_like(training))
-    )
+    views = read_views(frames, poses, training, device, resolution=options.resolution)
     log(f"{len(views)} training views of {views.camera.width} x {views.camera.height} pixels")
     objective = InitialObjective(net, options, views.device)
     # Temporary Gaussians need no intermediate evaluations.
@@ -65,9 +60,7 @@ def run(
     gaussian_options = TrainingOptions.of(options, options.recipe, **keys)
     state = begin(poses, views, gaussian_options, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    # Sums over several threads on a CPU would differ from run to run.
-    with single_thread():
-        resume_and_train(state, ViewSets(views, held_out=none), gaussian_options, checkpoint)
+    train_alone(state, views, gaussian_options, checkpoint)
     with create(output, TRANSIENT, record) as artifact:
         artifact.put("curve/iteration", np.array(state.curves.iteration, np.int64))
         artifact.put("curve/loss", np.array(state.curves.loss, np.float64))

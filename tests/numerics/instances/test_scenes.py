@@ -71,14 +71,14 @@ def test_no_finite_gaussian(scene, monkeypatch):
 
 def diverge(monkeypatch, chosen, value):
     """Let some of the trained Gaussians have centers that are not finite."""
-    finished = geometry.resume_and_train
+    finished = geometry.train_alone
 
     def diverged(state, *others):
         finished(state, *others)
         with torch.no_grad():
             state.gaussians.means[chosen] = value
 
-    monkeypatch.setattr(geometry, "resume_and_train", diverged)
+    monkeypatch.setattr(geometry, "train_alone", diverged)
 
 
 @pytest.mark.numerics(

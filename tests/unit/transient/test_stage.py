@@ -10,6 +10,7 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
+from egosplat.gaussians import trainer
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
 
@@ -87,9 +88,9 @@ def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
 
 
 def test_it_trains_on_one_thread_so_that_it_repeats(scene, monkeypatch):
-    train, threads = stage.resume_and_train, []
+    train, threads = trainer.resume_and_train, []
     noted = lambda *arguments: threads.append(torch.get_num_threads()) or train(*arguments)
-    monkeypatch.setattr(stage, "resume_and_train", noted)
+    monkeypatch.setattr(trainer, "resume_and_train", noted)
     torch.set_num_threads(2)
     run(scene(), iterations=1)
     assert threads == [1] and torch.get_num_threads() == 2
