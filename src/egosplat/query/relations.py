@@ -7,8 +7,7 @@ from itertools import combinations, product
 
 import numpy as np
 
-from egosplat.geometry import Array
-from egosplat.language.vectors import unit
+from egosplat.geometry import Array, ground_axes
 from egosplat.query.answers import Answer, Thing
 from egosplat.query.grades import NOT_FOUND, Grading
 from egosplat.query.reading import Question, with_article
@@ -109,9 +108,7 @@ class Space:
     @cached_property
     def axes(self) -> Array:
         """(3, 3) rotation whose rows are two horizontal axes, as near to the world's as can be, and up."""
-        across = np.eye(3)[int(np.abs(self.up).argmin())]
-        across = unit(across - (across @ self.up) * self.up)
-        return np.stack([across, np.asarray(np.cross(self.up, across), np.float64), self.up])
+        return np.vstack([ground_axes(self.up), self.up])
 
     def body(self, thing: Thing) -> Body:
         """The body of a thing, by the Gaussians that it is made of."""
