@@ -55,7 +55,7 @@ def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]
 def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(H, W) union of the transient instances in one frame, from (L, H, W) labels and the (N,) set."""
     # Label -1 indexes the appended last entry: pixels without an instance are not transient.
-    return np.append(transient, False)[labels].any(axis=0)
+    return np.asarray(np.append(transient, False)[labels].any(axis=0))
 
 
 def run(
