@@ -72,7 +72,9 @@ class Lens:
             models = ", ".join(_MODELS)
             raise UserError(f"{source}: camera model {self.model} is not supported. Supported: {models}.")
         fx, fy, cx, cy = self._linear()
-        inside = 1 <= cx <= self.width - 1 and 1 <= cy <= self.height - 1
+        sizes = (cx, self.width), (cy, self.height)
+        # Normalized ones are about a half of a pixel.
+        inside = all(min(1, size / 2) <= place <= size - min(1, size / 2) for place, size in sizes)
         least, most = (limit * max(self.width, self.height) for limit in (SHORTEST, LONGEST))
         usual = least <= min(fx, fy) and max(fx, fy) <= min(most, _UNEVEN * min(fx, fy))
         if not (np.isfinite(self.params).all() and usual and inside):
