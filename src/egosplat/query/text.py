@@ -79,13 +79,13 @@ class Texts:
 def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) -> Texts:
     """Encode queries, canonical phrases and names of things as they are, without a prompt template (docs/method.md#query-text)."""
     texts = Texts(tuple(phrases), encode_phrases(clip, phrases), _encode_again(clip, options.canonical))
-    if not options.name_weight:
+    known = words_to_try(clip)
+    if not (options.name_weight and phrases and known):
         return texts
-    words = (known := words_to_try(clip)), _encode_again(clip, known), texts.canonical
-    others = [other_meanings(texts.of([phrase]), Texts(*words)) for phrase in phrases]
-    return (
-        replace(texts, names=Names(words[1], torch.stack(others), options.name_weight)) if others else texts
-    )
+    features = _encode_again(clip, known)
+    words = Texts(known, features, texts.canonical)
+    others = torch.stack([other_meanings(texts.of([phrase]), words) for phrase in phrases])
+    return replace(texts, names=Names(features, others, options.name_weight))
 
 
 def other_meanings(query: Texts, words: Texts) -> Tensor:

@@ -185,7 +185,9 @@ class Tracker:
         wanted = torch.zeros_like(area)
         for level in searched:
             wanted |= free[level]
-        points = grid_points(options.points_per_side)
+        # Where crops show what is small in other frames, what moves needs more points.
+        side = options.points_per_side
+        points = grid_points(4 * side // 3 if options.single_frames else side)
         points = points[lie_in(points, wanted).cpu()]
         if not len(points):
             return
