@@ -105,7 +105,7 @@ PAGES = {
     [
         (PAGES, {"queries_sheet", "splats_sheet", "contact_sheet", "scene_page"}),
         ({"evaluation/scores.py": CODE}, AFTER_QUERIES),
-        ({"query/maps.py": CODE}, {*AFTER_QUERIES, "scene_page", "transient_sheet"}),
+        ({"query/maps.py": CODE}, {*AFTER_QUERIES, "contact_sheet", "scene_page", "transient_sheet"}),
         ({"language/lifting.py": CODE}, AFTER_LANGUAGE),
         ({"splats/stage.py": CODE}, AFTER_SPLATS),
         ({"transient/masks_stage.py": CODE}, AFTER_MASKS),
