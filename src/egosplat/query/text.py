@@ -82,10 +82,9 @@ def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) 
     known = words_to_try(clip)
     if not (options.name_weight and phrases and known):
         return texts
-    features = _encode_again(clip, known)
-    words = Texts(known, features, texts.canonical)
+    words = Texts(known, _encode_again(clip, known), texts.canonical)
     others = torch.stack([other_meanings(texts.of([phrase]), words) for phrase in phrases])
-    return replace(texts, names=Names(features, others, options.name_weight))
+    return replace(texts, names=Names(words.queries, others, options.name_weight))
 
 
 def other_meanings(query: Texts, words: Texts) -> Tensor:

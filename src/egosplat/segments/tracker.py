@@ -186,8 +186,7 @@ class Tracker:
         for level in searched:
             wanted |= free[level]
         # Where crops show what is small in other frames, what moves needs more points.
-        side = options.points_per_side
-        points = grid_points(4 * side // 3 if options.single_frames else side)
+        points = grid_points((4 if options.single_frames else 3) * options.points_per_side // 3)
         points = points[lie_in(points, wanted).cpu()]
         if not len(points):
             return
