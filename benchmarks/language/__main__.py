@@ -105,7 +105,7 @@ def of_level(targets: Callable[[int], Targets], level: int) -> Callable[[int], T
 def trained(scene: Scene, views: CodeViews, levels: int, iterations: int) -> Tensor:
     """Codes trained by gradients."""
     options = LanguageOptions(iterations=iterations)
-    found = PlainCodes(views, (levels, scene.targets.channels), options)
+    found = PlainCodes(views, (levels, scene.targets.channels), options, scene.targets.unit_norm)
     with TemporaryDirectory() as folder:
         train(found, len(views), iterations, options.seed, Checkpoint(Path(folder) / "x", "", 1e9))
     return found.code.detach()

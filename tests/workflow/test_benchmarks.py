@@ -142,7 +142,8 @@ def test_presence(scene, tmp_path):
     (other / "metrics.json").write_text(json.dumps(recorded(scene) | {"scene": "adt/other"}))
     said = run("presence.__main__", scene, other, "--rows", tmp_path / "rows")
     queries = recorded(scene)["presence"]["queries"]
-    judged = [a for a in queries if not a["untaught"] and (not a["present"] or a["right"] is not None)]
+    taught = [one for one in queries if one["evidence"] and not one["untaught"]]
+    judged = [one for one in taught if not one["present"] or one["right"] is not None]
     counts = [int(row[1]) for row in cells(said) if " to " in row[0]]
     assert sum(counts) == 2 * len(judged) and "log loss" in said
     assert len(read_rows(tmp_path / "rows").of("presence", "full")) == 2 * len(queries)

@@ -39,8 +39,9 @@ def sequence(folder) -> Sequence:
     write_sequence(made, recording)
     keys = defaults()["frames"] | {"resolution": 352, "evaluation_frames": 6}
     stage.run(recording, frames, stage.FramesOptions(**keys), format="adt")
-    options = annotations_stage.AnnotationsOptions(**defaults()["annotations"])
-    annotations_stage.run(recording, frames, folder / "annotations.zarr", options)
+    annotations_stage.run(
+        recording, frames, folder / "annotations.zarr", annotations_stage.AnnotationsOptions()
+    )
     find_poses(folder, "poses.zarr")
     return made
 
