@@ -39,9 +39,8 @@ def sequence(folder) -> Sequence:
     write_sequence(made, recording)
     keys = defaults()["frames"] | {"resolution": 352, "evaluation_frames": 6}
     stage.run(recording, frames, stage.FramesOptions(**keys), format="adt")
-    annotations_stage.run(
-        recording, frames, folder / "annotations.zarr", annotations_stage.AnnotationsOptions()
-    )
+    options = annotations_stage.AnnotationsOptions()
+    annotations_stage.run(recording, frames, folder / "annotations.zarr", options)
     find_poses(folder, "poses.zarr")
     return made
 
