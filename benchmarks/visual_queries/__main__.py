@@ -54,8 +54,8 @@ def ask(folder: Path) -> Iterator[dict[str, Any]]:
     for name, frame, crop in read_crops(folder):
         looks = Looks(scene)
         chosen = (looks.frame >= middle) != (frame >= middle)
-        for name in ("instance", "frame", "box", "feature"):
-            setattr(looks, name, getattr(looks, name)[chosen])
+        for views in ("instance", "frame", "box", "feature"):
+            setattr(looks, views, getattr(looks, views)[chosen])
         row = _judged(looks.find(see(scene.clip, crop), 2, pictured=True)) | {"thing": name, "frame": frame}
         center, diagonal = boxes[name]
         camera = invert(scene.poses[frame])
