@@ -217,8 +217,8 @@ class Scene:
         fits, owner = self.trained.relevancy(self._words, self.options).cpu().numpy(), self.instances
         known = (owner >= 0) & (self.trained.share.T > 0).cpu().numpy()
         sums = [np.bincount(owner[known], each, len(self._extents)) for each in (None, *fits[:, known])]
-        means = np.clip(np.stack(sums[1:]) / np.maximum(sums[0], 1), 1e-6, 1 - 1e-6)
-        return estimate_unit(self._extents, self._words.phrases, np.log(means / (1 - means)))
+        odds = np.vectorize(grades.log_odds, otypes=[float])(np.stack(sums[1:]) / np.maximum(sums[0], 1))
+        return estimate_unit(self._extents, self._words.phrases, odds)
 
     @cached_property
     def _extents(self) -> Array:
