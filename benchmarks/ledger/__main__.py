@@ -44,27 +44,26 @@ from egosplat_rivals.scored_scenes import FULL, ScoredScene
 SETTINGS: dict[str, str | None] = {
     FULL: None,
     "full_pixels": "pixels",
-    **{name: name for name in (AS_GIVEN, "no_sizes", "draft", "baseline", "occam", "occam_pixels")},
+    **{
+        name: name
+        for name in (AS_GIVEN, "no_sizes", "no_names", "draft", "baseline", "occam", "occam_pixels")
+    },
 }
 
 # What --release adds.
+BY_PIXELS = ("semantic_gaussians", "gags", "langsplat", "langsplat2", "splat_feature_solver")
 RELEASE = (
     *("accurate", "lerf", "legaussians"),
-    *(
-        "semantic_gaussians",
-        "semantic_gaussians_pixels",
-        "gags",
-        "gags_pixels",
-        "langsplat",
-        "langsplat_pixels",
-    ),
-    *("langsplat2", "langsplat2_pixels", "splat_feature_solver", "splat_feature_solver_pixels"),
+    *(f"{method}{by}" for method in BY_PIXELS for by in ("", "_pixels")),
 )
 
 # Configuration of all runs: what differs from the defaults.
 CONFIGURATION: dict[str, Any] = {
     "synthetic": {"camera": "real"},
-    "variants": {AS_GIVEN: {"metrics": {"held_out": "given"}}, "no_sizes": {"query": {"size_weight": 0.0}}},
+    "variants": {
+        AS_GIVEN: {"metrics": {"held_out": "given"}},
+        **{f"no_{part}s": {"query": {f"{part}_weight": 0.0}} for part in ("size", "name")},
+    },
 }
 
 # Worlds of the apartments in the order of the draw, and the options of each beside the seed.
