@@ -1,4 +1,4 @@
-"""docs/method.md says what ``preset: paper`` resolves to, and leaves none of its keys out."""
+"""docs/paper.md says what ``preset: paper`` resolves to, and leaves none of its keys out."""
 
 import re
 
@@ -15,8 +15,8 @@ VALUE = re.compile(r"`(?P<key>[a-z_0-9]+\.[a-z_0-9]+)`(?: \((?P<format>[a-z0-9]+
 
 def rows() -> dict[tuple[str, str], str]:
     """Value, as it is written, by format (empty for all) and key."""
-    page = (ROOT / "docs" / "method.md").read_text().partition("\n## The preset `paper`\n")[2]
-    cells = [line.split(" | ")[1] for line in page.splitlines() if line.startswith("| ")]
+    page = (ROOT / "docs" / "paper.md").read_text().partition("\n## The preset `paper`\n")[2]
+    cells = [line.split("|")[4] for line in page.splitlines() if line.startswith("| ")]
     found = [match for cell in cells for match in VALUE.finditer(cell)]
     keys = [(match["format"] or "", match["key"]) for match in found]
     assert len(keys) == len(set(keys)) > 40
