@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference.projection import project
 
 Array = NDArray[np.float64]
@@ -112,21 +113,9 @@ def channels(scene: Scene, count: int) -> Tensor:
 
 def make_problem(scene: Scene, count: int) -> Problem:
     """The scene in its first camera with ``count`` channels."""
-    projected = project(
-        scene.means,
-        scene.quats,
-        scene.scales,
-        scene.opacities,
-        scene.viewmats[0],
-        scene.K,
-        scene.width,
-        scene.height,
-        near_plane=NEAR_PLANE,
-        far_plane=1e10,
-        radius_clip=0.0,
-        eps2d=EPS2D,
-        antialiased=False,
-    )
+    gaussians = scene.means, scene.quats, scene.scales, scene.opacities, scene.colors
+    camera = scene.viewmats[:1], scene.K[None], scene.width, scene.height
+    projected = project(Arguments(*gaussians, *camera, near_plane=NEAR_PLANE, eps2d=EPS2D), 0)
     seen = (projected.radii > 0).all(dim=1)
     parts = (projected.means2d, projected.conics, projected.depths, projected.opacities)
     generator = torch.Generator().manual_seed(0)

@@ -1,6 +1,6 @@
 """Render Gaussians into one camera."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +11,9 @@ from torch.nn.functional import pad
 
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera, invert
-from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import check_cameras
 from egosplat.rasterize.view import View
+from egosplat.rasterize.view import render as render_view
 
 # By the recipe of a training.
 BACKGROUNDS = {"own": "black", "paper": "white"}
@@ -39,19 +39,26 @@ class RenderSettings:
 
 
 def view_of(
-    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
+    gaussians: Gaussians,
+    camera: Camera,
+    camera_to_world: NDArray[np.float64] | Tensor,
+    settings: RenderSettings,
 ) -> View:
     """Return what the functions of ``egosplat.rasterize.view`` take; the background of the settings is not
-    used. ``camera_to_world`` is (4, 4) float64, OpenCV axes, meters."""
+    used. ``camera_to_world`` is (4, 4) float64, OpenCV axes, meters; a tensor gets a gradient."""
+    # Inverted in float64: far from the origin, float32 would lose millimeters.
+    world_to_camera = _world_to_camera(camera_to_world).to(torch.float32)[None]
+    intrinsics = torch.from_numpy(camera.matrix).to(torch.float32)[None]
+    check_cameras(world_to_camera, intrinsics)
     device = gaussians.means.device
     return View(
         gaussians.means,
         gaussians.quats,
         gaussians.scales,
         gaussians.opacities,
-        # Inverted in float64: far from the origin, float32 would lose millimeters.
-        torch.from_numpy(invert(camera_to_world)).to(device, torch.float32),
-        torch.from_numpy(camera.matrix).to(device, torch.float32),
+        gaussians.sh[:, 0],
+        world_to_camera.to(device),
+        intrinsics.to(device),
         camera.width,
         camera.height,
         near_plane=settings.near_plane,
@@ -83,32 +90,19 @@ def render(
         (H, W, X) float32 image, X = 3 + F, plus 1 for depth (1 alone in "D" and "ED"); (H, W, 1) accumulated opacity; and
         the rasterizer's meta for one camera: ``means2d`` (1, N, 2), ``radii`` (1, N, 2), ...
     """
-    device, channels = gaussians.means.device, gaussians.features.shape[1]
-    # Inverted in float64: far from the origin, float32 would lose millimeters.
-    world_to_camera = _world_to_camera(camera_to_world).to(torch.float32)
-    intrinsics = torch.from_numpy(camera.matrix).to(torch.float32)
-    check_cameras(world_to_camera[None], intrinsics[None])
-    world_to_camera, intrinsics = world_to_camera.to(device), intrinsics.to(device)
+    channels = gaussians.features.shape[1]
     # The color, then zeros for the features.
     backgrounds = None if background is None else pad(background.to(gaussians.means), (0, channels))[None]
-    images, alphas, meta = rasterization(
-        gaussians.means,
-        gaussians.quats,
-        gaussians.scales,
-        gaussians.opacities,
-        gaussians.sh,
-        world_to_camera[None],
-        intrinsics[None],
-        camera.width,
-        camera.height,
-        near_plane=settings.near_plane,
+    view = replace(
+        view_of(gaussians, camera, camera_to_world, settings),
+        colors=gaussians.sh,
         sh_degree=sh_degree,
         # Colors and features are composited in one pass, by the same weights (docs/method.md#renderer).
         features=gaussians.features if channels else None,
         backgrounds=backgrounds,
         render_mode=render_mode,
-        backend=settings.backend,
     )
+    images, alphas, meta = render_view(view)
     # Not ``images[0]``, whose gradient is a copy among zeros.
     return images.squeeze(0), alphas.squeeze(0), meta
 

@@ -2,39 +2,19 @@
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from egosplat.progress import log
-from egosplat.rasterize.contract import FAR_PLANE, Arguments, Render, check
+from egosplat.rasterize.contract import Arguments, Render, check
 from egosplat.rasterize.kernels import library
 
 BACKENDS = ("auto", "cuda", "cpu", "reference")
 
 
-def rasterization(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    colors: Tensor,
-    viewmats: Tensor,
-    Ks: Tensor,
-    width: int,
-    height: int,
-    *,
-    near_plane: float = 0.1,
-    far_plane: float = FAR_PLANE,
-    radius_clip: float = 0.0,
-    eps2d: float = 0.3,
-    sh_degree: int | None = None,
-    features: Tensor | None = None,
-    backgrounds: Tensor | None = None,
-    render_mode: str = "RGB",
-    rasterize_mode: str = "classic",
-    backend: str = "auto",
-) -> Render:
+def rasterization(*given: Any, backend: str = "auto", **options: Any) -> Render:
     """Render 3D Gaussians (Kerbl et al. 2023) into pinhole cameras, differentiably.
 
     Names and semantics are those of gsplat 1.5.3's ``rasterization``. All tensors share one device and one
@@ -76,12 +56,9 @@ def rasterization(
         ValueError: an argument is not as described. The numbers of cameras on a GPU are not read.
         UserError: the chosen backend cannot run here.
     """
-    # Nothing else is local yet: these are exactly the arguments.
-    given = dict(locals())
-    del given["backend"]
-    arguments = Arguments(**given)
+    arguments = Arguments(*given, **options)
     check(arguments)
-    return renderer(backend, means)(arguments)
+    return renderer(backend, arguments.means)(arguments)
 
 
 def renderer(name: str, means: Tensor) -> Callable[[Arguments], Render]:

@@ -9,29 +9,17 @@ from torch import Tensor
 from torch.nn.functional import embedding_bag
 
 from egosplat.rasterize import api, cpu
-from egosplat.rasterize.contract import Arguments, check
+from egosplat.rasterize.contract import Arguments, Render, check
 from egosplat.rasterize.kernels import lookups
 
 
 @dataclass(frozen=True, eq=False)
-class View:
-    """N Gaussians in front of one camera. The functions of this module raise as ``api.rasterization`` does.
+class View(Arguments):
+    """N Gaussians in front of one camera, for the functions of this module, which raise as ``api.rasterization`` does.
 
-    Attributes:
-        means, quats, scales, opacities, width, height, near_plane, backend: as in ``api.rasterization``.
-        viewmat: (4, 4) world_to_camera, OpenCV axes.
-        K: (3, 3) intrinsics [px].
+    ``colors`` are any: the values that a function is given, or makes, take their place. ``backend`` is as in ``api.rasterization``.
     """
 
-    means: Tensor
-    quats: Tensor
-    scales: Tensor
-    opacities: Tensor
-    viewmat: Tensor
-    K: Tensor
-    width: int
-    height: int
-    near_plane: float = 0.1
     backend: str = "auto"
 
     @property
@@ -40,30 +28,20 @@ class View:
 
     def _projected(self) -> lookups.Projected:
         """The Gaussians in the image, for the compiled kernels."""
-        return cpu.projected(self._arguments(self.means.new_zeros(1, 1).expand(len(self.means), -1)))
-
-    def _arguments(self, colors: Tensor) -> Arguments:
-        """The checked arguments of a backend."""
-        arguments = Arguments(
-            self.means,
-            self.quats,
-            self.scales,
-            self.opacities,
-            colors,
-            self.viewmat[None],
-            self.K[None],
-            self.width,
-            self.height,
-            near_plane=self.near_plane,
-        )
-        check(arguments)
-        return arguments
+        check(self)
+        return cpu.projected(self)
 
     def _on_cpu(self) -> "View":
         """The same with tensors on the CPU, and the backend that the tensors had chosen; ``cpu`` for ``cuda``."""
-        names = ("means", "quats", "scales", "opacities", "viewmat", "K")
+        tensors = {name: value.cpu() for name, value in vars(self).items() if isinstance(value, Tensor)}
         backend = "reference" if self._backend == "reference" else "cpu"
-        return replace(self, **{name: getattr(self, name).cpu() for name in names}, backend=backend)
+        return replace(self, **tensors, backend=backend)
+
+
+def render(view: View) -> Render:
+    """Render a view with its own colors and features, in its mode: what ``api.rasterization`` returns."""
+    check(view)
+    return api.renderer(view.backend, view.means)(view)
 
 
 def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
@@ -72,7 +50,7 @@ def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
     Returns:
         (H, W, X) image on background 0, and (H, W) accumulated opacity.
     """
-    images, alphas, _ = api.renderer(view.backend, view.means)(view._arguments(values))
+    images, alphas, _ = render(replace(view, colors=values))
     return images[0], alphas[0, ..., 0]
 
 
@@ -179,7 +157,7 @@ def own_weights(view: View, pixels: Tensor) -> Tensor:
 def _reference_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     # Each Gaussian is a channel of its own.
     colors = torch.eye(len(view.means), dtype=view.means.dtype)
-    images, _, meta = api.renderer("reference", view.means)(view._arguments(colors))
+    images, _, meta = render(replace(view, colors=colors))
     order = meta["depths"][0].argsort(stable=True)
     shown = images[0, pixels[:, 1], pixels[:, 0]][:, order]
     pixel, place = shown.nonzero(as_tuple=True)

@@ -130,9 +130,7 @@ def test_a_large_image(gaussian, measured):
 
 def _windows(values: dict[str, torch.Tensor]) -> list[tuple[torch.Tensor, dict[str, object]]]:
     """The reference's render of each window: projected for the large image, composited in the window only."""
-    shape = [values[name] for name in ("means", "quats", "scales", "opacities")]
-    planes = {"near_plane": 0.1, "far_plane": 1e10, "radius_clip": 0.0, "eps2d": 0.3, "antialiased": False}
-    p = project(*shape, values["viewmats"][0], values["Ks"][0], LARGE, LARGE, **planes)
+    p = project(Arguments(**values, width=LARGE, height=LARGE), 0)
     results = []
     for corner in CORNERS:
         means2d = p.means2d - p.means2d.new_tensor(corner)

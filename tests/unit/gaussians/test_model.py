@@ -84,8 +84,8 @@ def test_render_orders_channels_color_feature_depth() -> None:
 def test_render_inverts_the_pose_in_float64(monkeypatch: pytest.MonkeyPatch) -> None:
     given = []
     monkeypatch.setattr(
-        "egosplat.gaussians.render.rasterization",
-        lambda *tensors, **_: given.append(tensors[5]) or (torch.zeros(1), torch.zeros(1), {}),
+        "egosplat.gaussians.render.render_view",
+        lambda view: given.append(view.viewmats) or (torch.zeros(1), torch.zeros(1), {}),
     )
     turn = Rotation.from_euler("xyz", [20, 130, -50], degrees=True).as_matrix()
     pose = make_pose(turn, np.array([40_000.0, -30_000.0, 5_000.0]))

@@ -33,8 +33,8 @@ def dense(begin: torch.Tensor, ids: torch.Tensor, weights: torch.Tensor) -> torc
 def test_kernels_list_what_the_reference_shows_in_float64():
     pixels = torch.cartesian_prod(torch.arange(0, 60, 7), torch.arange(0, 40, 6))
     geometry = [each.double() for each in (CROWD.means, CROWD.quats, CROWD.scales, CROWD.opacities)]
-    matrices = torch.eye(4).double(), torch.from_numpy(CAMERA.matrix)
-    exact = View(*geometry, *matrices, 60, 40, backend="reference")
+    matrices = torch.eye(4).double()[None], torch.from_numpy(CAMERA.matrix)[None]
+    exact = View(*geometry, geometry[0], *matrices, 60, 40, backend="reference")
     views = view_of(CROWD, CAMERA, np.eye(4), settings("cpu")), exact
     lists = [pixel_lists(view, pixels) for view in views]
     assert int((dense(*lists[1]) > 0).sum()) > 300

@@ -1,6 +1,5 @@
 """The choice of the backend and the passing of arguments; each backend has its own tests."""
 
-import inspect
 from typing import Any
 
 import pytest
@@ -98,13 +97,6 @@ def test_all_options_reach_the_backend(monkeypatch):
     api.rasterization(**arguments, backend="reference")
     assert given.keys() == arguments.keys()
     assert all(given[name] is arguments[name] for name in arguments)
-
-
-def test_argument_fields_equal_the_parameters_of_the_function():
-    parameters = dict(inspect.signature(api.rasterization).parameters)
-    del parameters["backend"]
-    defaults = {name: each.default for name, each in parameters.items()}
-    assert {name: each.default for name, each in inspect.signature(Arguments).parameters.items()} == defaults
 
 
 def test_invalid_arguments_are_reported():

@@ -28,7 +28,7 @@ def view(gaussians=CROWD, backend: str = "cpu") -> View:
 def rendered(shown: View, values: Tensor) -> Tensor:
     """(H, W, X) by the renderer."""
     shape = shown.means, shown.quats, shown.scales, shown.opacities
-    camera = shown.viewmat[None], shown.K[None], shown.width, shown.height
+    camera = shown.viewmats, shown.Ks, shown.width, shown.height
     return api.rasterization(*shape, values, *camera, backend=shown.backend)[0][0]
 
 

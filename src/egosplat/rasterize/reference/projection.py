@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN
+from egosplat.rasterize.contract import ALPHA_THRESHOLD, FRUSTUM_MARGIN, Arguments
 
 # Upper bound of the radii [px]: exact in float32 and int32, larger than any image.
 MAX_RADIUS = 2**24
@@ -41,43 +41,29 @@ class _Footprints:
     opacities: Tensor
 
 
-def project(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    viewmat: Tensor,
-    K: Tensor,
-    width: int,
-    height: int,
-    *,
-    near_plane: float,
-    far_plane: float,
-    radius_clip: float,
-    eps2d: float,
-    antialiased: bool,
-) -> Projected:
-    """Project Gaussians and cull those that cannot be seen; arguments as of ``api.rasterization``, for one camera.
+def project(a: Arguments, camera: int) -> Projected:
+    """Project Gaussians into one of the cameras, and cull those that cannot be seen.
 
     A Gaussian is culled if it lies outside the near and far planes, has an opacity below 1/255, has both radii
     at most ``radius_clip``, misses the image, or has a projection that is not finite and positive definite
-    (as with a quaternion of length 0). Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and ``viewmat``.
+    (as with a quaternion of length 0). Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and ``viewmats``.
     """
-    arguments = (viewmat, *K[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(), width, height, eps2d, antialiased)
+    gaussians = (a.means, a.quats, a.scales, a.opacities)
     # Cull first, without a graph, so that culled Gaussians cannot put NaN into the gradients.
     with torch.no_grad():
-        footprints = _footprints(means, quats, scales, opacities, *arguments)
+        footprints = _footprints(*gaussians, a, camera)
         radii = _radii(footprints)
-        seen = _overlaps_image(footprints.means2d, radii, width, height) & (radii > radius_clip).any(dim=-1)
-        seen &= (footprints.depths >= near_plane) & (footprints.depths <= far_plane)
+        size = footprints.means2d.new_tensor([a.width, a.height])
+        overlaps = (footprints.means2d + radii > 0) & (footprints.means2d - radii < size)
+        seen = overlaps.all(dim=-1) & (radii > a.radius_clip).any(dim=-1)
+        seen &= (footprints.depths >= a.near_plane) & (footprints.depths <= a.far_plane)
     rows = seen.nonzero().squeeze(-1)
-    visible = (tensor.index_select(0, rows) for tensor in (means, quats, scales, opacities))
-    footprints = _footprints(*visible, *arguments)
+    footprints = _footprints(*(tensor.index_select(0, rows) for tensor in gaussians), a, camera)
     uu, uv, vv = footprints.covariances.unbind(dim=-1)
     inverse = torch.stack([vv, -uv, uu], dim=-1) / footprints.dets[:, None]
 
     def scatter(values: Tensor) -> Tensor:
-        return values.new_zeros(len(means), *values.shape[1:]).index_copy(0, rows, values)
+        return values.new_zeros(len(a.means), *values.shape[1:]).index_copy(0, rows, values)
 
     return Projected(
         means2d=scatter(footprints.means2d),
@@ -89,20 +75,10 @@ def project(
 
 
 def _footprints(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    viewmat: Tensor,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    width: int,
-    height: int,
-    eps2d: float,
-    antialiased: bool,
+    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, a: Arguments, camera: int
 ) -> _Footprints:
+    viewmat, width, height, eps2d = a.viewmats[camera], a.width, a.height, a.eps2d
+    fx, fy, cx, cy = a.Ks[camera][[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     rotation = viewmat[:3, :3]
     x, y, z = (means @ rotation.T + viewmat[:3, 3]).unbind(dim=-1)
     # The linearisation is worthless far outside the image: clamp its point to a slightly wider frustum.
@@ -121,7 +97,7 @@ def _footprints(
     # Lagrange's identity: uu * vv - uv * uv would lose all digits in float32 for elongated Gaussians.
     det = torch.linalg.cross(root_u, root_v).square().sum(-1)
     blurred_det = det + eps2d * (uu + vv) + eps2d * eps2d
-    if antialiased:
+    if a.antialiased:
         # Mip-Splatting (Yu et al. 2024): the blur enlarges the footprint, so the opacity falls by the ratio of areas.
         opacities = opacities * (det / blurred_det).clamp(min=0.0).sqrt()
     return _Footprints(
@@ -157,8 +133,3 @@ def _radii(footprints: _Footprints) -> Tensor:
     radii = (extents[:, None] * footprints.covariances[:, [0, 2]].sqrt()).ceil()
     usable = (footprints.dets > 0) & footprints.dets.isfinite() & radii.isfinite().all(dim=-1)
     return torch.where(usable[:, None], radii, 0.0)
-
-
-def _overlaps_image(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
-    size = means2d.new_tensor([width, height])
-    return ((means2d + radii > 0) & (means2d - radii < size)).all(dim=-1)

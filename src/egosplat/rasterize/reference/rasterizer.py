@@ -1,5 +1,7 @@
 """The rasterizer in plain PyTorch: the definition that the other backends are tested against."""
 
+from dataclasses import replace
+
 import torch
 from torch import Tensor
 
@@ -22,25 +24,8 @@ def rasterization(arguments: Arguments) -> Render:
     a = arguments
     values = [value for value in (a.means, a.scales, a.opacities, a.colors, a.features) if value is not None]
     # ``project`` culls a Gaussian of opacity 0, whatever its other numbers are.
-    opacities = torch.where(usable_gaussians(a.quats, *values), a.opacities, 0.0)
-    projections = [
-        project(
-            a.means,
-            a.quats,
-            a.scales,
-            opacities,
-            viewmat,
-            K,
-            a.width,
-            a.height,
-            near_plane=a.near_plane,
-            far_plane=a.far_plane,
-            radius_clip=a.radius_clip,
-            eps2d=a.eps2d,
-            antialiased=a.antialiased,
-        )
-        for viewmat, K in zip(a.viewmats, a.Ks, strict=True)
-    ]
+    usable = replace(a, opacities=torch.where(usable_gaussians(a.quats, *values), a.opacities, 0.0))
+    projections = [project(usable, camera) for camera in range(len(a.viewmats))]
     names = ("means2d", "conics", "depths", "radii", "opacities")
     meta = {name: torch.stack([getattr(each, name) for each in projections]) for name in names}
     seen_colors = [a.colors] * len(a.viewmats)

@@ -8,6 +8,7 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
+from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference.projection import Projected, project
 
 CAMERA = Camera(64, 48, 60.0, 55.0, 30.5, 25.0)
@@ -17,12 +18,10 @@ EPS2D = 0.3
 def project_numpy(means, quats, scales, opacities, camera_to_world=None, **options) -> Projected:
     """``project`` in float64, with the near plane at 0.1 and the camera above."""
     world_to_camera = np.eye(4) if camera_to_world is None else invert(camera_to_world)
-    options = {"near_plane": 0.1, "far_plane": 100.0, "radius_clip": 0.0, "antialiased": False} | options
-    tensors = [
-        torch.as_tensor(np.asarray(values, dtype=np.float64)) for values in (means, quats, scales, opacities)
-    ]
-    cameras = torch.from_numpy(world_to_camera), torch.from_numpy(CAMERA.matrix)
-    return project(*tensors, *cameras, CAMERA.width, CAMERA.height, eps2d=EPS2D, **options)
+    options = {"near_plane": 0.1, "far_plane": 100.0} | options
+    values = means, quats, scales, opacities, means, [world_to_camera], [CAMERA.matrix]
+    tensors = [torch.as_tensor(np.asarray(each, dtype=np.float64)) for each in values]
+    return project(Arguments(*tensors, CAMERA.width, CAMERA.height, eps2d=EPS2D, **options), 0)
 
 
 def one(mean=(0.0, 0.0, 2.0), quat=(1.0, 0.0, 0.0, 0.0), scale=(0.1, 0.1, 0.1), opacity=0.5, **options):
@@ -76,7 +75,8 @@ def test_linearisation_is_clamped_to_the_wider_frustum():
 def test_antialiased_opacity_keeps_the_energy():
     variance = (60.0 * 0.01 / 2) ** 2, (55.0 * 0.01 / 2) ** 2
     expected = 0.5 * math.sqrt(math.prod(variance) / math.prod(each + EPS2D for each in variance))
-    assert one(scale=(0.01,) * 3, antialiased=True).opacities.item() == pytest.approx(expected, rel=1e-12)
+    found = one(scale=(0.01,) * 3, rasterize_mode="antialiased").opacities.item()
+    assert found == pytest.approx(expected, rel=1e-12)
     assert one(scale=(0.01,) * 3).opacities.item() == 0.5
 
 
@@ -89,8 +89,9 @@ def test_needles_keep_their_thickness_in_float32():
         torch.tensor([[50.0, 0.0, 0.0]]).repeat(9, 1),
     )
     K = torch.tensor([[60.0, 0, 32], [0, 60, 24], [0, 0, 1]])
-    options = {"near_plane": 0.1, "far_plane": 9.0, "radius_clip": 0.0, "eps2d": EPS2D, "antialiased": False}
-    found = project(means, quats, scales, torch.full((9,), 0.5), torch.eye(4), K, 64, 48, **options)
+    camera = torch.eye(4)[None], K[None], 64, 48
+    gaussians = means, quats, scales, torch.full((9,), 0.5), means
+    found = project(Arguments(*gaussians, *camera, far_plane=9.0, eps2d=EPS2D), 0)
     a, b, c = found.conics.double().T
     largest = ((a - c) ** 2 + 4 * b * b).sqrt() / 2 + (a + c) / 2
     torch.testing.assert_close(largest, torch.full_like(largest, 1 / EPS2D), rtol=1e-5, atol=0)
@@ -106,7 +107,7 @@ def test_needles_keep_their_thickness_in_float32():
         *({"opacity": opacity} for opacity in (1 / 255.1, math.nan, math.inf)),
         *({"quat": quat} for quat in [(0, 0, 0, 0), (math.nan, 0, 0, 0), (math.inf, 0, 0, 0)]),
         *({"scale": scale} for scale in [(math.inf, 0.1, 0.1), (1e200, 1e200, 0.1)]),
-        {"opacity": 0.02, "scale": (1e-4,) * 3, "antialiased": True},
+        {"opacity": 0.02, "scale": (1e-4,) * 3, "rasterize_mode": "antialiased"},
         {"radius_clip": 13.0},
         {"mean": (math.nan, 0.0, 2.0)},
         {"mean": (0.0, 0.0, math.inf), "far_plane": math.inf},
