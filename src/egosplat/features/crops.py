@@ -1,8 +1,8 @@
 """Find the views of instances, cut their crops and encode them with OpenCLIP (docs/method.md#crops)."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import cv2
 import numpy as np
@@ -26,73 +26,31 @@ Ints = NDArray[np.int32]
 RESAMPLING = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}
 
 
-@dataclass(frozen=True)
-class InstanceViews:
-    """R views: instances that frames show.
+# An instance that a frame shows, with the pixels of its mask, and x0, y0, x1, y1 around these with exclusive ends [px].
+VIEW = np.dtype([("instance", np.int32), ("frame", np.int32), ("area", np.int32), ("box", np.int32, (4,))])
 
-    Attributes:
-        table: (R, 7) int32, with the columns ``instance``, ``frame``, ``area`` [px], and ``box``: x0, y0, x1, y1 [px] with
-            exclusive ends.
-    """
-
-    table: Ints
-
-    def __len__(self) -> int:
-        return len(self.table)
-
-    @property
-    def instance(self) -> Ints:
-        """(R,)."""
-        return self.table[:, 0]
-
-    @property
-    def frame(self) -> Ints:
-        """(R,)."""
-        return self.table[:, 1]
-
-    @property
-    def area(self) -> Ints:
-        """(R,) [px]."""
-        return self.table[:, 2]
-
-    @property
-    def box(self) -> Ints:
-        """(R, 4) [px]."""
-        return self.table[:, 3:]
-
-    def chosen(self, which: NDArray | slice) -> "InstanceViews":
-        """Select views by a mask or row indices."""
-        return InstanceViews(self.table[which])
-
-    @property
-    def by_frame(self) -> NDArray[np.int64]:
-        """(R,) row order by frame, then instance: the order of encoding."""
-        return np.lexsort((self.instance, self.frame))
-
-    @property
-    def by_instance(self) -> NDArray[np.int64]:
-        """(R,) row order by instance, then frame: the order of the artifact."""
-        return np.lexsort((self.frame, self.instance))
+# (R,) ``VIEW``, an np.recarray: columns are attributes.
+InstanceViews = Any
 
 
-def join_views(parts: Sequence[InstanceViews]) -> InstanceViews:
+def join_views(parts: Sequence[NDArray]) -> InstanceViews:
     """Concatenate views."""
-    return InstanceViews(np.concatenate([np.zeros((0, 7), np.int32), *(views.table for views in parts)]))
+    return np.concatenate([np.zeros(0, VIEW), *parts]).view(np.recarray)
 
 
 def find_regions(labels: Labels, count: int, frame: int = 0) -> InstanceViews:
     """Find the instances that a frame shows, in ascending order. ``labels`` are (L, H, W) int32 instances at
     each level, below ``count``, -1 for none; an instance belongs to one level."""
-    table = np.zeros((count, 7), np.int32)
-    table[:, 0], table[:, 1] = np.arange(count), frame
-    table[:, 2] = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
+    views = np.zeros(count, VIEW).view(np.recarray)
+    views.instance, views.frame = np.arange(count), frame
+    views.area = np.bincount(labels.ravel() + 1, minlength=count + 1)[1:]
     for level in labels:
         # find_objects ignores label 0, which is "no instance" here.
         for instance, place in enumerate(ndimage.find_objects(level + 1)):
             if place is not None:
                 rows, columns = place
-                table[instance, 3:] = columns.start, rows.start, columns.stop, rows.stop
-    return InstanceViews(table[table[:, 2] > 0])
+                views.box[instance] = columns.start, rows.start, columns.stop, rows.stop
+    return views[views.area > 0]
 
 
 def cut_crop(
@@ -112,9 +70,7 @@ def pad_square(picture: Pixels) -> Pixels:
     height, width = picture.shape[:2]
     side = max(height, width)
     top, left = (side - height) // 2, (side - width) // 2
-    square = np.zeros((side, side, 3), np.uint8)
-    square[top : top + height, left : left + width] = picture
-    return square
+    return np.pad(picture, ((top, side - height - top), (left, side - width - left), (0, 0)))
 
 
 def fill_hull(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -172,17 +128,17 @@ def find_views(
     found = []
     for frame in track(trained[lie_within(trained, chunks)], "finding instances"):
         shown = find_regions(instances.row("labels", frame), count, int(frame))
-        found.append(shown.chosen(shown.area >= least))
+        found.append(shown[shown.area >= least])
     views = join_views(found)
-    views = views.chosen(views.by_instance)
-    return views if max_views is None else views.chosen(spread(views.instance, max_views))
+    views = views[np.lexsort((views.frame, views.instance))]
+    return views if max_views is None else views[spread(views.instance, max_views)]
 
 
 def split_batches(views: InstanceViews, chunks: list[range], size: int) -> list[InstanceViews]:
-    """Split views in the order ``by_frame`` into batches of at most ``size``, none of which goes beyond a chunk."""
+    """Split views, sorted by frame, into batches of at most ``size``, none of which goes beyond a chunk."""
     ends = np.searchsorted(views.frame, [chunk.stop for chunk in chunks])
     return [
-        views.chosen(slice(begin, min(begin + size, end)))
+        views[begin : min(begin + size, end)]
         for first, end in pairwise([0, *ends])
         for begin in range(first, end, size)
     ]
@@ -200,7 +156,7 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
 def cut_crops(
     frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing, *, hull: bool
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield the upright (H, W, 3) uint8 crop of each view, ``by_frame``, at the model's size; holds one frame at a time."""
+    """Yield the upright (H, W, 3) uint8 crop of each view, sorted by frame, at the model's size; holds one frame at a time."""
     level = instances.read("instances/level")
     turned = lies_on_its_side(frames)
     at = -1

@@ -18,6 +18,7 @@ from egosplat.artifacts.schemas import FRAMES, INSTANCES, VIEW_FEATURES, lies_on
 from egosplat.artifacts.writer import create
 from egosplat.errors import UserError
 from egosplat.features.crops import (
+    VIEW,
     InstanceViews,
     channels,
     cut_crops,
@@ -50,7 +51,7 @@ class _Inputs:
         """Find the views of chunks of frames, in batches in the order of encoding."""
         options = self.options
         views = find_views(self.frames, self.instances, options.min_area, options.max_views, chunks)
-        return split_batches(views.chosen(views.by_frame), chunks, BATCH)
+        return split_batches(views[np.lexsort((views.instance, views.frame))], chunks, BATCH)
 
     def encode_batches(self, batches: list[InstanceViews]) -> Iterator[dict[str, Tensor]]:
         """Yield the (B, 7) views of each batch and their (B, D) features, NaN where the model gives none."""
@@ -58,7 +59,8 @@ class _Inputs:
         crops = cut_crops(self.frames, self.instances, views, wanted, hull=self.options.cut == "hull")
         for batch in batches:
             features = encode(self.clip, np.stack([*islice(crops, len(batch))]))
-            yield {"views": torch.from_numpy(batch.table), "features": torch.from_numpy(features)}
+            table = np.asarray(batch).view(np.int32).reshape(-1, 7)
+            yield {"views": torch.from_numpy(table), "features": torch.from_numpy(features)}
 
 
 def run(
@@ -100,7 +102,7 @@ def run(
     found = work.results(inputs.find_batches, inputs.encode_batches, "encoding crops", unit="step")
     if found is None:
         return
-    views = join_views([InstanceViews(part["views"].numpy()) for part in found])
+    views = join_views([part["views"].numpy().view(VIEW)[:, 0] for part in found])
     empty = np.zeros((0, 0 if found else channels(inputs.clip)), np.float32)
     features = np.concatenate([part["features"].numpy() for part in found] or [empty])
     good = _checked(features, options.clip_checkpoint)
@@ -110,8 +112,9 @@ def run(
         "without_feature": int((~good).sum()),
         "turned": lies_on_its_side(frames),
     }
-    order = np.flatnonzero(good)[views.chosen(good).by_instance]
-    stored, record = views.chosen(order), replace(record, gathered=work.costs)
+    kept = views[good]
+    order = np.flatnonzero(good)[np.lexsort((kept.frame, kept.instance))]
+    stored, record = views[order], replace(record, gathered=work.costs)
     with create(output, VIEW_FEATURES, record) as artifact:
         for name in ("instance", "frame", "area", "box"):
             artifact.put(name, np.ascontiguousarray(getattr(stored, name)))
