@@ -20,6 +20,7 @@ from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import torch_l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.geometry import invert
 from egosplat.progress import track
@@ -133,15 +134,9 @@ def of_gsplat(
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     device = training_device(OPTIONS.backend)
     views, held_out = (read_views(frames, poses, rows, device) for rows in split_views(frames, poses))
-    start = starting_gaussians(
-        poses,
-        views,
-        max_points=OPTIONS.max_points,
-        densify_init=True,
-        near_plane=OPTIONS.near_plane,
-        seed=OPTIONS.seed,
-        sh_degree=MAX_SH_DEGREE,
-    )
+    most = {"max_points": OPTIONS.max_points, "max_gaussians": OPTIONS.max_gaussians}
+    options = TrainingOptions.of(OPTIONS, evaluate_every=every, sh_degree=MAX_SH_DEGREE, **most)
+    start = starting_gaussians(poses, views, options)
     return GsplatTraining(rasterize, views, start, iterations).run(held_out, every)
 
 

@@ -15,6 +15,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera, invert, transform
 from egosplat.images import evenly_spaced
@@ -50,22 +51,12 @@ _DENSIFIED_VIEWS, _DEPTH_VIEWS = 200, 20
 _COARSEST = 1e-3
 
 
-def starting_gaussians(
-    poses: Artifact,
-    views: Views,
-    *,
-    max_points: int,
-    densify_init: bool,
-    sh_degree: int,
-    near_plane: float,
-    seed: int,
-) -> Gaussians:
+def starting_gaussians(poses: Artifact, views: Views, options: TrainingOptions) -> Gaussians:
     """Gaussians, without features, at the points visible from training cameras, or at random points if there
     are none. UserError: the scene is too far from the world's origin for float32, or too small or too large
-    for the renderer. ``max_points``: size of the random subset of the points, or number of random points.
-    ``densify_init``: add points where a view shows none, see ``densify``. ``near_plane``: smallest camera z
-    of a visible point [m]."""
-    cameras = views.camera_to_world
+    for the renderer."""
+    cameras, near_plane, seed = views.camera_to_world, options.render.near_plane, options.seed
+    max_points = min(options.max_points, options.max_gaussians)
     _check_origin(poses, cameras, near_plane)
     xyz, rgb = poses.read("points/xyz"), poses.read("points/rgb")
     _check_depths(poses, xyz, views, near_plane)
@@ -75,18 +66,11 @@ def starting_gaussians(
     if not len(xyz):
         log(f"no initial points: starting from {max_points} random points")
         xyz, rgb = random_points(max_points, views.camera, cameras, near_plane=near_plane, seed=seed)
-    elif densify_init:
+    elif options.densify_init:
         # Points beyond the budget are dropped before, because each view projects all of them.
         xyz, rgb = _densify(*_subset(xyz, rgb, max_points, seed), views, max_points, near_plane, seed)
-    start = from_points(
-        xyz,
-        rgb,
-        sh_degree=sh_degree,
-        max_points=max_points,
-        seed=seed,
-        near_plane=near_plane,
-    )
-    return start.to(views.device)
+    keys = {"sh_degree": options.sh_degree, "max_points": max_points, "seed": seed}
+    return from_points(xyz, rgb, near_plane=near_plane, **keys).to(views.device)
 
 
 def _check_origin(poses: Artifact, camera_to_world: Points, near_plane: float) -> None:

@@ -126,16 +126,7 @@ def begin(
     poses: Artifact, views: Views, options: TrainingOptions, objective: Objective, camera: CameraOptions
 ) -> TrainingState:
     """The state before the first iteration on ``views``; ``camera`` are options after ``resolve_camera``. Raises as ``starting_gaussians``."""
-    near_plane = options.render.near_plane
-    start = starting_gaussians(
-        poses,
-        views,
-        max_points=min(options.max_points, options.max_gaussians),
-        densify_init=options.densify_init,
-        sh_degree=options.sh_degree,
-        near_plane=near_plane,
-        seed=options.seed,
-    )
+    near_plane, start = options.render.near_plane, starting_gaussians(poses, views, options)
     start = replace(start, features=start.means.new_zeros(start.count, objective.features))
     extent = scene_extent(views.camera_to_world, near_plane)
     corrections = make_corrections(camera, start, views, near_plane, options.iterations)

@@ -8,8 +8,10 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.gaussians.initialization import CELLS, densify, starting_gaussians
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import read_views
 from egosplat.geometry import Camera, invert, transform
+from tests.support.gaussian_scene import SETTINGS
 
 CAMERA = Camera(96, 48, 60.0, 60.0, 48.0, 24.0)
 POSE = np.eye(4)
@@ -99,8 +101,9 @@ def start(scene, points):
     views = read_views(frames, poses, np.ones(9, bool), torch.device("cpu"))
 
     def make(densify_init: bool, max_points: int, seed: int = 0) -> Gaussians:
-        keys = {"sh_degree": 0, "near_plane": 0.1, "seed": seed}
-        return starting_gaussians(poses, views, max_points=max_points, densify_init=densify_init, **keys)
+        keys = {"max_points": max_points, "densify_init": densify_init, "seed": seed}
+        few = {"iterations": 1, "evaluate_every": 1, "max_gaussians": 1000}
+        return starting_gaussians(poses, views, TrainingOptions(render=SETTINGS, **few, **keys))
 
     return make
 
