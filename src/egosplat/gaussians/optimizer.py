@@ -171,17 +171,10 @@ def adam_step(
     """Update (N, columns) ``param`` and its moments in place (Kingma & Ba 2015, algorithm 1), contiguous
     float32. ``rates`` is a learning rate, or one for each column; ``step`` counts from 1, for the bias
     correction."""
-    if not _can_fuse(param):
-        return torch_step(param, grad, exp_avg, exp_avg_sq, rates, step)
-    from egosplat.rasterize.kernels.adam import adam_step as fused
+    if param.device.type == "cpu" and library.is_usable():
+        from egosplat.rasterize.kernels.adam import adam_step as fused
 
-    fused(param, grad, exp_avg, exp_avg_sq, rates, beta1=BETA1, beta2=BETA2, eps=EPS, step=step)
-
-
-def torch_step(
-    param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
-) -> None:
-    """Plain torch version of ``adam_step``, for any device."""
+        return fused(param, grad, exp_avg, exp_avg_sq, rates, beta1=BETA1, beta2=BETA2, eps=EPS, step=step)
     exp_avg.lerp_(grad, 1.0 - BETA1)
     exp_avg_sq.mul_(BETA2).addcmul_(grad, grad, value=1.0 - BETA2)
     denominator = exp_avg_sq.sqrt().div_(math.sqrt(1.0 - BETA2**step)).add_(EPS)
@@ -198,7 +191,3 @@ def broken_rows(grads: list[Tensor]) -> Tensor:
         return torch.zeros(0, dtype=torch.int64, device=grads[0].device)
     rows = torch.stack([(grad.abs() <= LARGEST_GRADIENT).all(dim=1) for grad in grads])
     return (~rows.all(dim=0)).nonzero().squeeze(1)
-
-
-def _can_fuse(param: Tensor) -> bool:
-    return param.device.type == "cpu" and library.is_usable()
