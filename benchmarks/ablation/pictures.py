@@ -22,6 +22,7 @@ from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS, camera_poses
 from egosplat.drawing import hide_axes, plt
+from egosplat.gaussians.render import view_of
 from egosplat.images import encode_webp
 from egosplat.language.decoder import decode
 from egosplat.language.rendering import render_codes
@@ -65,9 +66,8 @@ class Method:
     def rendered(self, frame: int) -> NDArray[np.float32]:
         """(H, W, D) decoded feature of each pixel at the largest level; 0 where no code is."""
         scene, pose = self.scene, self.camera_to_world[frame]
-        codes, coverage = render_codes(
-            scene.gaussians, scene.code, scene.share, scene.camera, pose, scene.settings
-        )
+        view = view_of(scene.gaussians, scene.camera, pose, scene.settings)
+        codes, coverage = render_codes(view, scene.code, scene.share)
         return (decode(codes[-1], scene.decoder) * (coverage[-1, ..., None] > 0.01)).cpu().numpy()
 
     def picture(self, frame: int) -> Picture:

@@ -25,7 +25,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FEATURES, FRAMES, INSTANCES, POSES, SPLATS, camera_poses
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.decoder import Decoder, decode, read_decoder
 from egosplat.language.lifting import lift
@@ -129,9 +129,8 @@ def cosines(scene: Scene, code: Tensor, share: Tensor) -> list[float]:
     found: list[list[Tensor]] = [[] for _ in range(code.shape[1])]
     for frame in np.flatnonzero(held_out):
         with torch.no_grad():
-            rendered, _ = render_codes(
-                scene.gaussians, code, share, scene.views.camera, poses[frame], scene.settings
-            )
+            view = view_of(scene.gaussians, scene.views.camera, poses[frame], scene.settings)
+            rendered, _ = render_codes(view, code, share)
         labels = torch.from_numpy(scene.instances.row("labels", int(frame))).long()
         for level, cosine in enumerate(found):
             known = (labels[level] >= 0) & seen[labels[level]]

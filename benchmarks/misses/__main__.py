@@ -32,6 +32,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.errors import UserError
 from egosplat.evaluation.queries import Mask, read_layers
+from egosplat.gaussians.render import view_of
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.dominant import mean_of_dominant, target_votes
 from egosplat.language.rendering import render_codes
@@ -165,7 +166,8 @@ def _measure(
     own = np.flatnonzero((overlap.covered[:, things] >= LEAST).any(axis=1))
     trained, pose = scene.trained, scene.poses[query["frame"]]
     taken = torch.from_numpy(np.isin(lifted, own).astype(np.float32))[..., None]
-    code, _ = render_codes(trained.gaussians, taken, trained.share, scene.camera, pose, trained.settings)
+    view = view_of(trained.gaussians, scene.camera, pose, trained.settings)
+    code, _ = render_codes(view, taken, trained.share)
     mine, answered = code[..., 0].numpy(), 0.0
     if query["pixel"] is not None:
         column, row = query["pixel"]

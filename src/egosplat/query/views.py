@@ -117,7 +117,7 @@ def view_of(
 ) -> View:
     """Render the codes and the depth of one view; arguments as of ``Asker.ask``, ``resolution`` as in ``QueryOptions``."""
     place = rendering_camera(camera, resolution), camera_to_world, scene.settings
-    codes, coverage = render_codes(scene.gaussians, scene.code, scene.share, *place)
+    codes, coverage = render_codes(gaussians_in(scene.gaussians, *place), scene.code, scene.share)
     depth, _, _ = render(scene.gaussians, *place, sh_degree=0, background=None, render_mode="ED")
     shown = np.ones((camera.height, camera.width), bool) if valid is None else valid
     return View(codes, coverage, depth[..., 0], camera, camera_to_world, shown, scene.levels)

@@ -6,6 +6,7 @@ import torch
 from scipy import sparse
 
 from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import view_of
 from egosplat.language.centers import project_centers
 from egosplat.language.dominant import lift_instances, mean_of_dominant, target_votes
 from egosplat.language.lifting import lift
@@ -127,7 +128,7 @@ def test_gaussians_in_no_view_get_no_code(wall, prepared):
 
 def test_rendered_codes_are_those_that_were_lifted(wall, prepared, camera_to_world, labels):
     lifted = lift(prepared()[0])
-    codes, coverage = render_codes(wall, *lifted, CAMERA, camera_to_world[HELD_OUT], SETTINGS)
+    codes, coverage = render_codes(view_of(wall, CAMERA, camera_to_world[HELD_OUT], SETTINGS), *lifted)
     assert codes.shape == (2, 24, 24, 3) and coverage.shape == (2, 24, 24)
     nearest = torch.cdist(codes[1], torch.from_numpy(CODES[:2])[None]).argmin(dim=2).numpy()
     assert (nearest == labels[HELD_OUT, 1]).mean() > 0.95 and float(coverage.max()) <= 1.0 + 1e-5
@@ -138,7 +139,7 @@ def test_rendered_codes_are_those_that_were_lifted(wall, prepared, camera_to_wor
 def test_gaussians_without_share_do_not_contribute(wall, camera_to_world):
     shown = torch.arange(wall.count)[:, None] < wall.count // 2
     code = torch.where(shown[..., None], torch.tensor([1.0, 2.0]), 1e6)
-    codes, coverage = render_codes(wall, code, 0.25 * shown, CAMERA, camera_to_world[0], SETTINGS)
+    codes, coverage = render_codes(view_of(wall, CAMERA, camera_to_world[0], SETTINGS), code, 0.25 * shown)
     values = codes[0][coverage[0] > 1e-6].numpy()
     assert len(values)
     np.testing.assert_allclose(values, np.tile([1.0, 2.0], (len(values), 1)), rtol=1e-3)

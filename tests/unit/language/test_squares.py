@@ -12,6 +12,7 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import TILE_SCALES, TILES
 from egosplat.errors import UserError
+from egosplat.gaussians.render import view_of
 from egosplat.gaussians.training_views import Masking
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.method import Coded, Method
@@ -186,7 +187,8 @@ def test_with_the_poses_of_other_views_each_square_gets_the_other_feature(
     longer = {"iterations": 200, "lr": 0.06} if method == "granular" else {}
     coded = scene.coded(method, checkpoint, **longer)
     pose = camera_to_world[HELD_OUT]
-    rendered, _ = render_codes(scene.views.gaussians, coded.code, coded.share, CAMERA, pose, SETTINGS)
+    view = view_of(scene.views.gaussians, CAMERA, pose, SETTINGS)
+    rendered, _ = render_codes(view, coded.code, coded.share)
     square = square_of(pose, 0.15)
     for level, name in enumerate(coded.levels):
         codes = rendered[level]
