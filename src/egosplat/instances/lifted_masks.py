@@ -12,6 +12,7 @@ from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
+from egosplat.images import resize_labels
 from egosplat.instances.geometry import Geometry
 from egosplat.language.centers import look_at_centers
 from egosplat.progress import track
@@ -130,16 +131,11 @@ def lift(
     (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for
     none, and (h, w) bool, which pixels are not counted as seen."""
     views = geometry.views
-    height, width = segments.shape("labels")[2:]
-    # The labels nearest to the pixels at the working size.
-    rows, columns = (
-        ((np.arange(small) + 0.5) * large / small).astype(np.intp)
-        for small, large in ((views.camera.height, height), (views.camera.width, width))
-    )
+    size = views.camera.width, views.camera.height
 
     def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
-        labels, unseen = select(segments.row("labels", frame)[:, rows[:, None], columns])
-        return labels, shown(frame)[rows[:, None], columns] & ~unseen
+        labels, unseen = select(resize_labels(segments.row("labels", frame), *size))
+        return labels, resize_labels(shown(frame), *size) & ~unseen
 
     has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
     if not has_masks.any():

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint, State, UnusableState
+from egosplat.images import resize_labels
 from egosplat.models.image_encoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
@@ -216,8 +217,7 @@ class Tracker:
     def _as_masks(self, labels: Labels) -> LevelMasks:
         """The instances of a label map as masks at the size of the model's masks."""
         # Labels cannot be averaged: the pixel in the middle of each cell stands for it.
-        rows, columns = ((np.arange(self._side) + 0.5) * length / self._side for length in labels.shape)
-        small = torch.from_numpy(labels[np.ix_(rows.astype(int), columns.astype(int))])
+        small = torch.from_numpy(resize_labels(labels, self._side, self._side))
         small = small.to(self._sam2.compute.device)
         ids = [number for number in small.unique().tolist() if number >= 0]
         return ids, small == torch.tensor(ids, dtype=small.dtype, device=small.device)[:, None, None]
