@@ -7,7 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -113,25 +113,13 @@ def render(gsplat: ModuleType, arguments: Arguments) -> Render:
     else:
         # gsplat requires colors even in modes that do not render them.
         channels, backgrounds = a.opacities[:, None], None
+    # Of the same names in gsplat, but for what the channels hold.
+    names = {field.name for field in fields(Arguments)} - {"sh_degree", "features"}
+    given = {name: getattr(a, name) for name in names} | {"colors": channels, "backgrounds": backgrounds}
     image, alpha, meta = gsplat.rasterization(
-        means=a.means,
-        quats=a.quats,
-        scales=a.scales,
-        opacities=a.opacities,
-        colors=channels,
-        viewmats=a.viewmats,
-        Ks=a.Ks,
-        width=a.width,
-        height=a.height,
-        near_plane=a.near_plane,
-        far_plane=a.far_plane,
-        radius_clip=a.radius_clip,
-        eps2d=a.eps2d,
+        **given,
         # Packed results lose the (C, N) layout, and gsplat 1.5.3 fails on them with backgrounds.
         packed=False,
-        backgrounds=backgrounds,
-        render_mode=a.render_mode,
-        rasterize_mode=a.rasterize_mode,
         channel_chunk=min(channels.shape[-1] + a.shows_depth, LARGEST_PASS),
     )
     kept = ("means2d", "radii", "depths", "conics", "opacities", "width", "height", "n_cameras")

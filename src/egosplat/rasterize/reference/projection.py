@@ -30,17 +30,6 @@ class Projected:
     opacities: Tensor
 
 
-@dataclass(frozen=True)
-class _Footprints:
-    """2D Gaussians before culling: blurred covariances (N, 3) and ``dets``, their determinants."""
-
-    means2d: Tensor
-    depths: Tensor
-    covariances: Tensor
-    dets: Tensor
-    opacities: Tensor
-
-
 def project(a: Arguments, camera: int) -> Projected:
     """Project Gaussians into one of the cameras, and cull those that cannot be seen.
 
@@ -51,32 +40,34 @@ def project(a: Arguments, camera: int) -> Projected:
     gaussians = (a.means, a.quats, a.scales, a.opacities)
     # Cull first, without a graph, so that culled Gaussians cannot put NaN into the gradients.
     with torch.no_grad():
-        footprints = _footprints(*gaussians, a, camera)
-        radii = _radii(footprints)
-        size = footprints.means2d.new_tensor([a.width, a.height])
-        overlaps = (footprints.means2d + radii > 0) & (footprints.means2d - radii < size)
+        means2d, depths, *shapes = _footprints(*gaussians, a, camera)
+        radii = _radii(*shapes)
+        size = means2d.new_tensor([a.width, a.height])
+        overlaps = (means2d + radii > 0) & (means2d - radii < size)
         seen = overlaps.all(dim=-1) & (radii > a.radius_clip).any(dim=-1)
-        seen &= (footprints.depths >= a.near_plane) & (footprints.depths <= a.far_plane)
+        seen &= (depths >= a.near_plane) & (depths <= a.far_plane)
     rows = seen.nonzero().squeeze(-1)
-    footprints = _footprints(*(tensor.index_select(0, rows) for tensor in gaussians), a, camera)
-    uu, uv, vv = footprints.covariances.unbind(dim=-1)
-    inverse = torch.stack([vv, -uv, uu], dim=-1) / footprints.dets[:, None]
+    visible = (tensor.index_select(0, rows) for tensor in gaussians)
+    means2d, depths, covariances, dets, opacities = _footprints(*visible, a, camera)
+    uu, uv, vv = covariances.unbind(dim=-1)
+    inverse = torch.stack([vv, -uv, uu], dim=-1) / dets[:, None]
 
     def scatter(values: Tensor) -> Tensor:
         return values.new_zeros(len(a.means), *values.shape[1:]).index_copy(0, rows, values)
 
     return Projected(
-        means2d=scatter(footprints.means2d),
+        means2d=scatter(means2d),
         conics=scatter(inverse),
-        depths=scatter(footprints.depths),
+        depths=scatter(depths),
         radii=torch.where(seen[:, None], radii, 0.0).clamp(max=MAX_RADIUS).to(torch.int32),
-        opacities=scatter(footprints.opacities),
+        opacities=scatter(opacities),
     )
 
 
 def _footprints(
     means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, a: Arguments, camera: int
-) -> _Footprints:
+) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Centers [px], depths, blurred covariances (N, 3) with their determinants, and opacities of 2D Gaussians before culling."""
     viewmat, width, height, eps2d = a.viewmats[camera], a.width, a.height, a.eps2d
     fx, fy, cx, cy = a.Ks[camera][[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     rotation = viewmat[:3, :3]
@@ -100,13 +91,9 @@ def _footprints(
     if a.antialiased:
         # Mip-Splatting (Yu et al. 2024): the blur enlarges the footprint, so the opacity falls by the ratio of areas.
         opacities = opacities * (det / blurred_det).clamp(min=0.0).sqrt()
-    return _Footprints(
-        means2d=torch.stack([fx * x / z + cx, fy * y / z + cy], dim=-1),
-        depths=z,
-        covariances=torch.stack([uu + eps2d, uv, vv + eps2d], dim=-1),
-        dets=blurred_det,
-        opacities=opacities,
-    )
+    means2d = torch.stack([fx * x / z + cx, fy * y / z + cy], dim=-1)
+    covariances = torch.stack([uu + eps2d, uv, vv + eps2d], dim=-1)
+    return means2d, z, covariances, blurred_det, opacities
 
 
 def rotation_matrices(quats: Tensor) -> Tensor:
@@ -126,10 +113,10 @@ def rotation_matrices(quats: Tensor) -> Tensor:
     return torch.stack(entries, dim=-1).unflatten(-1, (3, 3))
 
 
-def _radii(footprints: _Footprints) -> Tensor:
+def _radii(covariances: Tensor, dets: Tensor, opacities: Tensor) -> Tensor:
     """Half extents (N, 2) [px] of the region with alpha >= 1/255, rounded up; 0 if empty or not finite."""
     # opacity exp(-r² / 2) = 1/255 solved for r, in standard deviations; NaN for opacities below 1/255.
-    extents = (2.0 * (footprints.opacities / ALPHA_THRESHOLD).log()).sqrt()
-    radii = (extents[:, None] * footprints.covariances[:, [0, 2]].sqrt()).ceil()
-    usable = (footprints.dets > 0) & footprints.dets.isfinite() & radii.isfinite().all(dim=-1)
+    extents = (2.0 * (opacities / ALPHA_THRESHOLD).log()).sqrt()
+    radii = (extents[:, None] * covariances[:, [0, 2]].sqrt()).ceil()
+    usable = (dets > 0) & dets.isfinite() & radii.isfinite().all(dim=-1)
     return torch.where(usable[:, None], radii, 0.0)
