@@ -16,6 +16,7 @@ from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, instan
 from egosplat.frames.recording import Instance
 from egosplat.progress import track
 from egosplat.query.answers import ViewMatch
+from egosplat.query.scene import Viewpoint
 from egosplat.query.views import Asker
 
 # Constant answers by their key in the scores: their accuracy is the chance level.
@@ -149,8 +150,8 @@ def ask_of(evaluation: Evaluation, asker: Asker, masks: str = "threshold") -> As
     seconds = seconds_of(evaluation.frames_artifact)
 
     def ask(frame: int, phrases: Sequence[str]) -> Iterator[ViewMatch]:
-        view = evaluation.camera, evaluation.camera_to_world[frame], evaluation.valid
-        return asker.ask(phrases, *view, float(seconds[frame]))
+        place = evaluation.camera_to_world[frame], evaluation.valid, float(seconds[frame])
+        return asker.ask(phrases, evaluation.camera, Viewpoint(f"frame {frame}", *place))
 
     return mask_classes(ask, asker.texts.phrases) if masks == "classes" else ask
 

@@ -306,8 +306,7 @@ class Scene:
             every = ask_scene(self.asked, self.surface, texts, options, max(2, most))
             rows = zip(texts.phrases, every, strict=True)
             return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
-        view = self.camera, viewpoint.camera_to_world, viewpoint.valid, viewpoint.second
-        matches = Asker(self.asked, texts, options, self.rests).ask(texts.phrases, *view)
+        matches = Asker(self.asked, texts, options, self.rests).ask(texts.phrases, self.camera, viewpoint)
         grading = grades.Grading(None, options.min_score)
         return (grades.judge_view(one, explain_untaught(self.clip, one.phrase), grading) for one in matches)
 
@@ -380,9 +379,9 @@ class Scene:
             mask = np.asarray(np.isin(labels, thing.tracks).any(axis=0))
             place = innermost(mask), None, mask.astype(np.float32)
             return ViewMatch(phrase, 1.0, "track", *place, "track", mask)
-        view = self.camera, self.poses[thing.frame], self.valid
+        at = Viewpoint(f"frame {thing.frame}", self.poses[thing.frame], self.valid)
         options = self.options.change(resolution=resolution)
-        return show_thing(self.asked, thing, self.encode([phrase]), *view, options)
+        return show_thing(self.asked, thing, self.encode([phrase]), self.camera, at, options)
 
     def grading(self, options: QueryOptions | None = None) -> grades.Grading:
         """How answers of the whole scene are graded."""

@@ -21,7 +21,7 @@ from egosplat.query.answers import Thing, ViewMatch
 from egosplat.query.maps import Maps, Mask, innermost, localize, majority, read_maps, resize_shown, segment
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy, relevancy_maps
-from egosplat.query.scene import QueryScene, rendering_camera
+from egosplat.query.scene import QueryScene, Viewpoint, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.rasterize.view import composite
 
@@ -75,17 +75,9 @@ class Asker:
         if self.rests is not None:
             self.of_things = relevancy(self.rests.feature, texts, options.temperature)
 
-    def ask(
-        self,
-        phrases: Sequence[str],
-        camera: Camera,
-        camera_to_world: Array,
-        valid: Mask | None,
-        second: float | None = None,
-    ) -> Iterator[ViewMatch]:
-        """Answer some of the queries in one view, in order; (H, W) bool ``valid`` pixels show the scene, or all for None, and
-        at ``second`` [s since the first frame] also what lies there then."""
-        texts, place = self.texts.of(phrases), (camera, camera_to_world, valid, self.options.resolution)
+    def ask(self, phrases: Sequence[str], camera: Camera, at: Viewpoint) -> Iterator[ViewMatch]:
+        """Answer some of the queries in one view, in order."""
+        texts, place = self.texts.of(phrases), (camera, at, self.options.resolution)
         if self.own is None:
             view = view_of(self.scene, *place)
             yield from answer_from_codes(view, self.scene.decoder, texts, self.options)
@@ -93,7 +85,7 @@ class Asker:
         small = rendering_camera(camera, self.options.resolution)
         for batch in texts.in_batches(small.width * small.height * self.own.shape[1]):
             chosen = [self.texts.phrases.index(phrase) for phrase in batch.phrases]
-            scene = self._at(replace(self.scene, code=self.own[..., chosen]), chosen, second)
+            scene = self._at(replace(self.scene, code=self.own[..., chosen]), chosen, at.second)
             yield from answer_from_relevancies(scene, view_of(scene, *place), batch.phrases, self.options)
 
     def _at(self, scene: QueryScene, chosen: Sequence[int], second: float | None) -> QueryScene:
@@ -112,15 +104,13 @@ class Asker:
 
 
 @torch.inference_mode()
-def view_of(
-    scene: QueryScene, camera: Camera, camera_to_world: Array, valid: Mask | None, resolution: int
-) -> View:
-    """Render the codes and the depth of one view; arguments as of ``Asker.ask``, ``resolution`` as in ``QueryOptions``."""
-    place = rendering_camera(camera, resolution), camera_to_world, scene.settings
+def view_of(scene: QueryScene, camera: Camera, at: Viewpoint, resolution: int) -> View:
+    """Render the codes and the depth of one view; ``resolution`` is as in ``QueryOptions``."""
+    place = rendering_camera(camera, resolution), at.camera_to_world, scene.settings
     codes, coverage = render_codes(gaussians_in(scene.gaussians, *place), scene.code, scene.share)
     depth, _, _ = render(scene.gaussians, *place, sh_degree=0, background=None, render_mode="ED")
-    shown = np.ones((camera.height, camera.width), bool) if valid is None else valid
-    return View(codes, coverage, depth[..., 0], camera, camera_to_world, shown, scene.levels)
+    shown = np.ones((camera.height, camera.width), bool) if at.valid is None else at.valid
+    return View(codes, coverage, depth[..., 0], camera, at.camera_to_world, shown, scene.levels)
 
 
 def answer_from_codes(
@@ -197,23 +187,18 @@ def _located(
 
 @torch.inference_mode()
 def show_thing(
-    scene: QueryScene,
-    thing: Thing,
-    texts: Texts,
-    camera: Camera,
-    camera_to_world: Array,
-    valid: Mask,
-    options: QueryOptions,
+    scene: QueryScene, thing: Thing, texts: Texts, camera: Camera, at: Viewpoint, options: QueryOptions
 ) -> ViewMatch:
     """Render the mask of a thing that answers one query, with a pixel in its middle if it shows, and the relevancy of the whole
-    view at its level; ``valid`` (H, W) bool pixels show the scene."""
+    view at its level; the viewpoint has ``valid`` pixels."""
     small, level = rendering_camera(camera, options.resolution), scene.levels.index(thing.level)
     # Rendered as a value of 1 among 0, so Gaussians in front of the thing hide it.
     members = torch.zeros(scene.gaussians.count, 1, device=scene.code.device)
     members[torch.from_numpy(thing.members).to(members.device)] = 1.0
-    filled, _ = composite(gaussians_in(scene.gaussians, small, camera_to_world, scene.settings), members)
-    mask = _filled_mask(filled[..., 0].cpu().numpy(), valid)
-    [match] = Asker(scene.of_level(level), texts, options).ask(texts.phrases, camera, camera_to_world, valid)
+    filled, _ = composite(gaussians_in(scene.gaussians, small, at.camera_to_world, scene.settings), members)
+    assert at.valid is not None
+    mask = _filled_mask(filled[..., 0].cpu().numpy(), at.valid)
+    [match] = Asker(scene.of_level(level), texts, options).ask(texts.phrases, camera, at)
     pixel, name = innermost(mask) if mask.any() else None, thing.level
     place = {"level": name, "pixel": pixel, "position": None, "mask_level": name, "mask": mask}
     return replace(match, score=thing.score, **place)

@@ -13,7 +13,7 @@ from egosplat.language.decoder import Decoder
 from egosplat.query.command import run
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, Viewpoint
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from tests.support.blobs import blobs
@@ -56,9 +56,8 @@ def test_a_rest_holds_from_its_first_to_its_last_frame():
 
 
 def answers(scene, rests, second=1.0, **keys):
-    return list(
-        Asker(scene, TEXTS, OPTIONS.change(**keys), rests).ask(TEXTS.phrases, CAMERA, EYE, None, second)
-    )
+    at = Viewpoint("", EYE, None, second)
+    return list(Asker(scene, TEXTS, OPTIONS.change(**keys), rests).ask(TEXTS.phrases, CAMERA, at))
 
 
 def test_what_lies_there_answers_at_its_time_and_hides_what_is_behind(scene):

@@ -24,7 +24,7 @@ from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.stages import STAGES, load_module
 from egosplat.query.answers import ViewMatch
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.scene import QueryScene
+from egosplat.query.scene import QueryScene, Viewpoint
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from egosplat_rivals import loop
@@ -136,7 +136,7 @@ class Scene:
         texts = Texts(("left", "right"), torch.from_numpy(words), torch.eye(8)[2:3])
         known = QueryScene(self.views.gaussians, SETTINGS, camera, 0, *codes, coded.maps_only)
         asker = Asker(known, texts, LANGSPLAT.change(readout=readout))
-        return list(asker.ask(texts.phrases, camera, pose, None))
+        return list(asker.ask(texts.phrases, camera, Viewpoint("", pose, None)))
 
 
 @pytest.fixture(scope="module")

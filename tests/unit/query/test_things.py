@@ -12,7 +12,7 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.query import text
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.scene import read_scene
+from egosplat.query.scene import Viewpoint, read_scene
 from egosplat.query.text import Texts
 from egosplat.query.things import (
     Surface,
@@ -158,7 +158,8 @@ def test_what_was_decoded_once_answers_as_if_anew(scene, texts):
 def test_a_thing_is_shown_where_it_is(scene, texts, valid):
     couch = texts.of(["couch"])
     [[thing]] = ask_scene(*scene, couch, LANGSPLAT, 1)
-    seen = show_thing(scene[0], thing, couch, WALL, np.eye(4), np.full((48, 48), valid), LANGSPLAT)
+    at = Viewpoint("", np.eye(4), np.full((48, 48), valid))
+    seen = show_thing(scene[0], thing, couch, WALL, at, LANGSPLAT)
     if not valid:
         assert not seen.mask.any() and seen.pixel is None and not seen.relevancy.any()
         return

@@ -12,7 +12,7 @@ from egosplat.geometry import Camera, invert, make_pose, transform
 from egosplat.language.decoder import Decoder
 from egosplat.query import text
 from egosplat.query.options import LANGSPLAT
-from egosplat.query.scene import QueryScene, rendering_camera
+from egosplat.query.scene import QueryScene, Viewpoint, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker, View, answer_from_codes, pixel_position
 from egosplat.rasterize.view import composite
@@ -84,7 +84,7 @@ PAIR = Texts(("left", "right"), torch.eye(4)[:2], torch.eye(4)[2:3])
 
 
 def ask(scene, options, texts=PAIR, pose=EYE):
-    return Asker(scene, texts, options).ask(texts.phrases, CAMERA, pose, None)
+    return Asker(scene, texts, options).ask(texts.phrases, CAMERA, Viewpoint("", pose, None))
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
     options = LANGSPLAT.change(box_filter=0.0)
     [blended] = ask(scene, options.change(readout="pixels"), texts)
     asker = Asker(scene, texts, options)
-    [rendered] = asker.ask(["between"], CAMERA, EYE, None)
+    [rendered] = asker.ask(["between"], CAMERA, Viewpoint("", EYE, None))
     assert blended.score > rendered.score
     assert rendered.score == pytest.approx(float(asker.own.max()), abs=1e-5)
 
@@ -133,13 +133,13 @@ def test_a_pixel_of_two_gaussians_is_no_third_thing(scene):
 @pytest.mark.parametrize("readout", READOUTS)
 def test_queries_are_asked_by_name_and_in_batches(scene, monkeypatch, readout):
     asker, asked = Asker(scene, PAIR, LANGSPLAT.change(readout=readout)), ["right", "left", "right"]
-    together = list(asker.ask(asked, CAMERA, EYE, None))
+    together = list(asker.ask(asked, CAMERA, Viewpoint("", EYE, None)))
     monkeypatch.setattr(text, "AT_ONCE", 1)
-    alone = list(asker.ask(asked, CAMERA, EYE, None))
+    alone = list(asker.ask(asked, CAMERA, Viewpoint("", EYE, None)))
     assert [one.phrase for one in together] == [one.phrase for one in alone] == asked
     for one, other in zip(together, alone, strict=True):
         assert one.score == pytest.approx(other.score, abs=1e-6) and one.pixel == other.pixel
-    assert not list(asker.ask([], CAMERA, EYE, None))
+    assert not list(asker.ask([], CAMERA, Viewpoint("", EYE, None)))
 
 
 @pytest.fixture
