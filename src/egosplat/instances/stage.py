@@ -76,7 +76,7 @@ def run(
         tracks = MovingTracks(segments, standing_tracks(lifted, times_s))
     scene = find_scene(geometry, segments, shown, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))
-    _write_things(output, record, scene, tracks, options.source, segments, rows)
+    _write_things(output, record, scene, tracks, segments, rows)
     Checkpoint(output, key, 0.0).remove()
 
 
@@ -101,7 +101,6 @@ def _write_things(
     record: Provenance,
     scene: Scene,
     tracks: MovingTracks,
-    source: str,
     segments: Artifact,
     rows: NDArray[np.intp],
 ) -> None:
@@ -128,7 +127,7 @@ def _write_things(
         artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", scene.geometry.gaussians.means.cpu().numpy())
         artifact.put("gaussians/instance", scene.strongest())
-        artifact.facts = _facts(segments, level, source) | {
+        artifact.facts = _facts(segments, level, "masks") | {
             "merging": scene.counts,
             "pixels_without_instance": empty / max(pixels, 1),
             "standing_tracks": len(tracks.standing),

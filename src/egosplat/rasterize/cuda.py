@@ -143,22 +143,18 @@ def _without_unusable(a: Arguments) -> Arguments:
 
 def _channels(gsplat: ModuleType, a: Arguments) -> Tensor:
     """(N, D + F), or with spherical harmonics (C, N, 3 + F)."""
-    colors = a.colors
-    if a.sh_degree is not None:
-        colors = _view_colors(gsplat, a.means, colors, a.viewmats, a.sh_degree)
+    colors = a.colors if a.sh_degree is None else _view_colors(gsplat, a)
     if a.features is None:
         return colors
     return torch.cat([colors, a.features.expand(*colors.shape[:-1], a.features.shape[-1])], dim=-1)
 
 
-def _view_colors(
-    gsplat: ModuleType, means: Tensor, coeffs: Tensor, viewmats: Tensor, sh_degree: int
-) -> Tensor:
+def _view_colors(gsplat: ModuleType, a: Arguments) -> Tensor:
     """(C, N, 3) colors; arbitrary for Gaussians at the camera center."""
     # Evaluated here because gsplat's rasterization takes no more channels next to spherical harmonics.
-    dirs = means - camera_centers(viewmats)[:, None, :]
+    dirs = a.means - camera_centers(a.viewmats)[:, None, :]
     # A Gaussian without direction would get NaN gradients from gsplat.
     masks = torch.linalg.vector_norm(dirs.detach(), dim=-1) > SMALLEST_DISTANCE
-    coeffs = coeffs.expand(len(viewmats), *coeffs.shape)
-    colors = gsplat.spherical_harmonics(sh_degree, dirs, coeffs, masks=masks)
+    coeffs = a.colors.expand(len(a.viewmats), *a.colors.shape)
+    colors = gsplat.spherical_harmonics(a.sh_degree, dirs, coeffs, masks=masks)
     return (colors + 0.5).clamp(min=0.0)
