@@ -18,7 +18,7 @@ def implementation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPat
     """Every test runs with plain torch and, where it is built, with the kernel."""
     if request.param == "fused" and library.why_not() is not None:
         pytest.skip(f"no kernels: {library.why_not()}")
-    monkeypatch.setattr("egosplat.gaussians.optimizer._can_fuse", lambda param: request.param == "fused")
+    monkeypatch.setattr(library, "is_usable", lambda: request.param == "fused")
     return request.param
 
 
