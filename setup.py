@@ -1,4 +1,5 @@
-"""What pyproject.toml cannot say: the workflow goes into the package, and the kernels and the ray caster are compiled.
+"""What pyproject.toml cannot say: the workflow goes into the package, README's links open outside of the repository, and the
+kernels and the ray caster are compiled.
 
 They are plain shared libraries, not extension modules: they know nothing of Python, so one wheel serves all
 versions of Python 3. They are compiled when egosplat is installed, not when it is first used: compute nodes often have
@@ -23,6 +24,8 @@ WORKFLOW = ("workflow/**/*", "config/**/*.yaml", "config/scenes.tsv")
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 
 from compiling import compile_kernels, compile_rays
+from describing import addresses, page, repository
+from egosplat import __version__
 from egosplat.rasterize.kernels.targets import VARIANTS
 from egosplat_apartments.rays.library import LIBRARY
 
@@ -72,7 +75,12 @@ class PlatformWheel(bdist_wheel):
         return "py3", "none", super().get_tag()[2]
 
 
+ADDRESS = repository(ROOT)
+
 setup(
+    long_description=page((ROOT / "README.md").read_text(encoding="utf-8"), ADDRESS, __version__),
+    long_description_content_type="text/markdown",
+    project_urls=addresses(ADDRESS),
     ext_modules=[Extension("egosplat.rasterize.kernels.library", [f"src/{KERNELS}/source/kernels.cpp"])],
     cmdclass={"build_ext": BuildKernels, "build_py": BuildWithWorkflow, "bdist_wheel": PlatformWheel},
 )

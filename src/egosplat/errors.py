@@ -12,12 +12,15 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 # The advice for ``NO_ROOM``.
 MAKE_ROOM = "Make room and start the same command again: complete results are kept"
 
-# The library of the extra aria, and the advice where it is missing.
+# Advice where a module of an extra is missing.
+_ADVICE = '{} is not installed; it comes with: pip install "egosplat[{}]"'.format
 ARIA = "projectaria_tools"
-NEEDS_ARIA = (
-    "ADT sequences and synthetic apartments need projectaria-tools: run pip install 'projectaria-tools>=2.3', "
-    "with Python 3.11 or 3.12"
-)
+EXTRAS = {
+    ARIA: _ADVICE("projectaria-tools (ADT and synthetic apartments, Python 3.11 or 3.12)", "aria"),
+    "gsply": _ADVICE("gsply", "export"),
+    "rerun": _ADVICE("rerun-sdk", "rerun"),
+    "sklearn": _ADVICE("scikit-learn", "clusters"),
+}
 
 _NO_MEMORY = re.compile(
     r"out of memory|allocate memory|could not create a primitive$|failed to map segment|can't start new thread"
@@ -76,6 +79,15 @@ def reraise_as(
         raise describe(error) from error
 
 
+@contextlib.contextmanager
+def from_extra(module: str, needed_by: str = "") -> Iterator[None]:
+    """Raise UserError where the block cannot import a module of ``EXTRAS``; it names the file that needs it."""
+    try:
+        yield
+    except ImportError:
+        raise UserError(f"{needed_by}: {EXTRAS[module]}".removeprefix(": ")) from None
+
+
 def user_message(error: Exception) -> str | None:
     """The message for a user, in one or two lines; None for a programming error, which needs its traceback."""
     if isinstance(error, UserError):
@@ -83,8 +95,8 @@ def user_message(error: Exception) -> str | None:
     if is_out_of_memory(error):
         what = str(error).partition("\n")[0] or "MemoryError"
         return f"no memory left ({what}). {_memory_advice()}"
-    if isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == ARIA:
-        return NEEDS_ARIA
+    if isinstance(error, ModuleNotFoundError) and (module := (error.name or "").partition(".")[0]) in EXTRAS:
+        return EXTRAS[module]
     if isinstance(error, OSError):
         return _os_message(error)
     return None

@@ -1,6 +1,6 @@
 """Splat Feature Solver (Xiong et al., ICLR 2026): lift with sharpened opacities, and average the masks that agree with a cluster."""
 
-import importlib.util
+import importlib
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +8,7 @@ import torch
 from scipy import sparse
 from torch import Tensor
 
-from egosplat.errors import UserError
+from egosplat.errors import from_extra
 from egosplat.gaussians.model import Gaussians
 from egosplat.language.lifting import lift
 from egosplat.language.method import Coded, Method
@@ -29,10 +29,8 @@ def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptio
     Each level is clustered by itself. Gaussians in no cluster, or in one that no mask agrees with, keep their lifted
     code. UserError if scikit-learn is not installed.
     """
-    if importlib.util.find_spec("sklearn") is None:
-        raise UserError(
-            'scikit-learn is not installed; it comes with the extra "clusters": pip install "egosplat[clusters]"'
-        )
+    with from_extra("sklearn"):
+        importlib.import_module("sklearn.cluster")
     sharp = replace(views, gaussians=sharpen(views.gaussians))
     lifted, lifted_share = lift(sharp)
     levels = zip(lifted.unbind(1), lifted_share.unbind(1), strict=True)

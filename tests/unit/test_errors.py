@@ -24,7 +24,7 @@ def test_a_library_without_a_wheel_for_this_python_is_named(monkeypatch):
         monkeypatch.delitem(sys.modules, name, raising=False)
         with pytest.raises(ModuleNotFoundError) as caught:
             import_module(name)
-        assert "pip install 'projectaria-tools>=2.3'" in user_message(caught.value)
+        assert 'pip install "egosplat[aria]"' in user_message(caught.value)
     assert user_message(ModuleNotFoundError("no module", name="other")) is None
     assert library_version("no-such-library") == "absent" != library_version("numpy")
 

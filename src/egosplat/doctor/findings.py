@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from importlib import metadata
 
-from egosplat.errors import ARIA, NEEDS_ARIA, UserError, user_message
+from egosplat.errors import ARIA, EXTRAS, UserError, user_message
 from egosplat.pipeline.config import Config
 
 GIB = 1024**3
@@ -73,7 +73,7 @@ def machine_findings(config: Config) -> Iterator[Finding]:
     yield _gpu(config)
     yield tried("gsplat", lambda: _gsplat(backend), Mark.MISSING if backend == "cuda" else Mark.NOTE)
     if importlib.util.find_spec(ARIA) is None:
-        yield Finding(Mark.NOTE, "projectaria-tools", "not installed", NEEDS_ARIA)
+        yield Finding(Mark.NOTE, "projectaria-tools", "not installed", EXTRAS[ARIA])
     yield tried("kernels", kernels, Mark.MISSING if backend == "cpu" else Mark.NOTE)
     free = shutil.disk_usage(".").free / GIB
     yield Finding(Mark.NOTE if free < FREE_DISK_GIB else Mark.OK, "disk", f"{free:.0f} GiB free")

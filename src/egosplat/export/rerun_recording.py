@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from egosplat.errors import UserError
+from egosplat.errors import from_extra
 from egosplat.export.gaussians import LEAST_OPACITY, instance_colors
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
@@ -20,10 +20,8 @@ from egosplat.query.finished_scene import Scene
 def export_rerun(scene: Scene, output: Path, query: str | None) -> None:
     """Write a .rrd file, whole or not at all, with boxes of the answers to a query in the whole scene
     (UserError: rerun-sdk is not installed, or an artifact is missing or damaged)."""
-    try:
+    with from_extra("rerun"):
         import rerun as rr
-    except ImportError:
-        raise UserError('rerun-sdk is not installed; it comes with: pip install "egosplat[rerun]"') from None
     answers = scene.ask(query) if query else []
     up = scene.artifact("poses").read("up")
     axis = int(np.abs(up).argmax())

