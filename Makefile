@@ -4,6 +4,7 @@
 # make numerics run the tests of numbers at their extremes, and write docs/numerics.md
 # make install  set up for running alone, into .venv
 # make develop  set up for tests too
+# make site     build the site into site/, and check its links
 # TORCH=cpu     with any of them, in a fresh checkout: PyTorch's build for processors, 2 GB in all
 # TORCH=cuda    that for GPUs, 7 GB: for a machine without a GPU that sets up for others
 
@@ -43,7 +44,7 @@ PIP_INSTALL := $(BIN)/python -m pip install --quiet --no-compile --no-deps
 # pip compiles 20,000 modules on one core. Packages hold a few that no Python compiles, and a third that nothing here imports.
 COMPILE_ALL := $(BIN)/python -m compileall -qq -j $(CORES) -x '/(tests|sympy|mpmath|_dynamo|_inductor)/' .venv/lib || true
 
-.PHONY: install develop demo test test-slow numerics lint lock
+.PHONY: install develop demo test test-slow numerics lint lock site
 
 install: $(COMPILED)
 
@@ -99,12 +100,20 @@ numerics: develop
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest tests/numerics --numerics-table docs/numerics.md
 
 lint: develop
-	$(BIN)/ruff check setup.py compiling.py describing.py src tests benchmarks training
-	$(BIN)/ruff format --check setup.py compiling.py describing.py src tests benchmarks training
+	$(BIN)/ruff check *.py src tests benchmarks training
+	$(BIN)/ruff format --check *.py src tests benchmarks training
 	$(BIN)/snakefmt --check workflow
 	$(BIN)/snakemake --lint --config container=image.sif
 	$(BIN)/python -m tests.support.rooms
 	$(BIN)/python -m tests.support.typing_errors
+
+# In an environment of its own: nothing of it is needed to run or test.
+SITE := .venv/site/bin
+DOCS := import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"])
+site:
+	test -x $(SITE)/mkdocs || { $(PYTHON) -m venv .venv/site && $(SITE)/python -m pip install --quiet $$($(PYTHON) -c '$(DOCS)'); }
+	$(SITE)/mkdocs build --strict
+	$(SITE)/linkchecker --no-warnings site/index.html
 
 # The lock files anew, from the ranges in pyproject.toml: all that tests need, and of that what running needs.
 LOCK := $(BIN)/pip-compile --quiet --allow-unsafe --strip-extras --no-header --no-annotate \

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
 
 
@@ -26,7 +26,7 @@ def page(readme: str, address: str, version: str) -> str:
         file = target if not target.startswith("#") else f"README.md{target}"
         return f"{picture}[{text}]({address}/{'raw' if picture else 'blob'}/v{version}/{file})"
 
-    return _LINK.sub(opened, _COMMENT.sub("", readme))
+    return _LINK.sub(opened, COMMENT.sub("", readme))
 
 
 def addresses(address: str) -> dict[str, str]:
