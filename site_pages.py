@@ -27,7 +27,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for file in [file for file in files if file.src_dir == config.docs_dir]:
         files.remove(file)
     tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
-    names = {name for name in tracked.splitlines() if not name.startswith((".github/", "src/"))}
+    names = {name for name in tracked.splitlines() if not name.startswith(".github/")}
     pages = {name for name in names if name.endswith(".md")}
     for name in sorted(pages | {name for name in names if name.endswith(PICTURES)}):
         files.append(File(name, str(ROOT), config.site_dir, config.use_directory_urls))
@@ -54,11 +54,19 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     return "".join(parts)
 
 
+def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Link the pages that docstrings name."""
+    if page.file.src_uri != "reference.md":
+        return html
+    return re.sub(r"docs/(\w+)\.md(#[\w-]+)?", r'<a href="../docs/\1/\2">\g<0></a>', html)
+
+
 def _reference() -> str:
     """The page of what ``import egosplat`` offers, by its stub."""
     exported = _EXPORTED.findall((ROOT / "src/egosplat/__init__.pyi").read_text())
     told = "[In Python](docs/python.md) shows them at work."
-    return "\n\n".join(["# Reference", told, *(f"::: {module}.{name}" for module, name in exported)])
+    parts = (f"::: {module}.{name}\n    options: {{heading: egosplat.{name}}}" for module, name in exported)
+    return "\n\n".join(["# Reference", told, *parts])
 
 
 def _sources(page: str) -> set[str]:
