@@ -3,8 +3,6 @@ points. Trackers find points at corners only. On windows, plain walls and lamps 
 points, and unfinished geometry looks transient. Points are float64 NumPy arrays, Gaussians float32 tensors;
 random numbers depend on the seed only."""
 
-from collections.abc import Iterable
-
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -112,16 +110,7 @@ def _densify(
     xyz: Points, rgb: Colors, views: Views, max_points: int, near_plane: float, seed: int
 ) -> tuple[Points, Colors]:
     """Add points where views show none, and thin the given points to at least half of ``max_points``."""
-    chosen = evenly_spaced(len(views), _DENSIFIED_VIEWS)
-    every, colors = densify(
-        xyz,
-        rgb,
-        views.camera,
-        views.camera_to_world[chosen],
-        (views.pictures[view].numpy() for view in chosen),
-        np.ones(views.pictures.shape[1:3], bool) if views.valid is None else views.valid.cpu().numpy() > 0,
-        near_plane=near_plane,
-    )
+    every, colors = densify(xyz, rgb, views, near_plane)
     given, added = len(xyz), len(every) - len(xyz)
     log(f"{added} points added where views show none")
     # New points get at most half of the budget.
@@ -142,25 +131,18 @@ def _random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
-def densify(
-    xyz: Points,
-    rgb: Colors,
-    camera: Camera,
-    camera_to_world: Points,
-    images: Iterable[NDArray[np.uint8]],
-    valid: NDArray[np.bool_],
-    *,
-    near_plane: float,
-) -> tuple[Points, Colors]:
-    """Points and colors, with new ones at the end so that each image cell of (V, 4, 4) poses shows one, if it
+def densify(xyz: Points, rgb: Colors, views: Views, near_plane: float) -> tuple[Points, Colors]:
+    """Points and colors, with new ones at the end so that each image cell of evenly spaced views shows one, if it
     shows any. A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell
     with points, its color that of the photograph. Points added for one photograph count for the next.
-    ``xyz``, ``rgb``: (P, 3) float64 world points [m], finite, and (P, 3) uint8. ``images``: V images (H, W,
-    3) uint8, read one at a time. ``valid``: (H, W) bool; cells with an invalid middle get no point."""
+    ``xyz``, ``rgb``: (P, 3) float64 world points [m], finite, and (P, 3) uint8. Cells with an invalid middle
+    get no point."""
+    camera = views.camera
     centers = _cell_centers(camera)
     columns, rows = centers.astype(np.int64).transpose(2, 0, 1)
-    shows = valid[rows, columns]
-    for pose, image in zip(camera_to_world, images, strict=True):
+    shows = np.ones(rows.shape, bool) if views.valid is None else views.valid.cpu().numpy()[rows, columns] > 0
+    for view in evenly_spaced(len(views), _DENSIFIED_VIEWS):
+        pose, image = views.camera_to_world[view], views.pictures[view].numpy()
         depth = _cell_depths(xyz, camera, pose, centers.shape[:2], near_plane)
         empty = shows & np.isnan(depth)
         if not empty.any() or np.isnan(depth).all():

@@ -9,7 +9,7 @@ from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.gaussians.initialization import CELLS, densify, starting_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.training_views import read_views
+from egosplat.gaussians.training_views import Views, read_views
 from egosplat.geometry import Camera, invert, transform
 from tests.support.gaussian_scene import SETTINGS
 
@@ -36,8 +36,10 @@ def picture() -> np.ndarray:
 
 
 def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
-    shown = picture() if pictures is None else pictures
-    return densify(xyz, rgb, CAMERA, poses, shown, valid, near_plane=0.1)
+    shown = torch.from_numpy(picture() if pictures is None else pictures)
+    weight = torch.from_numpy(valid).float()
+    views = Views(np.arange(len(poses)), shown, poses, weight, None, CAMERA, torch.device("cpu"))
+    return densify(xyz, rgb, views, 0.1)
 
 
 VALID = ALL.copy()
