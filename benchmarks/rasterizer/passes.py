@@ -10,6 +10,7 @@ from benchmarks.rasterizer.scenes import SCENES, Problem, make_problem, make_sce
 from benchmarks.rasterizer.timing import Sample, sample
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.kernels.raster import composite
+from egosplat.rasterize.reference.projection import Projected
 from egosplat.rasterize.reference.rasterizer import composite as composite_in_torch
 
 # Returns the image (H, W, X), then the gradients to means2d, conics, opacities and channels.
@@ -42,11 +43,11 @@ def prepare_kernels(problem: Problem) -> Run:
 
 def prepare_torch(problem: Problem) -> Run:
     """Both passes by the PyTorch reference."""
-    leaves = _leaves(problem)
+    means2d, conics, opacities, channels = leaves = _leaves(problem)
+    seen = Projected(means2d, conics, problem.depths, problem.radii, opacities)
 
     def run() -> tuple[Tensor, ...]:
-        size = (problem.width, problem.height)
-        render, _ = composite_in_torch(*leaves, problem.depths, problem.radii, *size)
+        render, _ = composite_in_torch(seen, channels, problem.width, problem.height)
         return render.detach(), *torch.autograd.grad(render, leaves, problem.v_render)
 
     return run

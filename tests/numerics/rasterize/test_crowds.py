@@ -1,5 +1,7 @@
 """Many Gaussians, large images, and gradients against finite differences."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -133,10 +135,8 @@ def _windows(values: dict[str, torch.Tensor]) -> list[tuple[torch.Tensor, dict[s
     p = project(Arguments(**values, width=LARGE, height=LARGE), 0)
     results = []
     for corner in CORNERS:
-        means2d = p.means2d - p.means2d.new_tensor(corner)
-        rest = p.conics, p.opacities, values["colors"], p.depths, p.radii, WINDOW, WINDOW
-        image, _ = composite(means2d, *rest)
-        names = ("conics", "opacities", "depths", "radii")
-        meta = {name: getattr(p, name)[None].detach() for name in names} | {"means2d": means2d[None].detach()}
+        seen = replace(p, means2d=p.means2d - p.means2d.new_tensor(corner))
+        image, _ = composite(seen, values["colors"], WINDOW, WINDOW)
+        meta = {name: value[None].detach() for name, value in vars(seen).items()}
         results.append((image, meta | {"width": WINDOW, "height": WINDOW}))
     return results

@@ -1,6 +1,6 @@
 """The rasterizer in plain PyTorch: the definition that the other backends are tested against."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import torch
 from torch import Tensor
@@ -15,7 +15,7 @@ from egosplat.rasterize.contract import (
     camera_centers,
     usable_gaussians,
 )
-from egosplat.rasterize.reference.projection import project
+from egosplat.rasterize.reference.projection import Projected, project
 from egosplat.rasterize.reference.spherical_harmonics import spherical_harmonics
 
 
@@ -26,27 +26,16 @@ def rasterization(arguments: Arguments) -> Render:
     # ``project`` culls a Gaussian of opacity 0, whatever its other numbers are.
     usable = replace(a, opacities=torch.where(usable_gaussians(a.quats, *values), a.opacities, 0.0))
     projections = [project(usable, camera) for camera in range(len(a.viewmats))]
-    names = ("means2d", "conics", "depths", "radii", "opacities")
+    names = [field.name for field in fields(Projected)]
     meta = {name: torch.stack([getattr(each, name) for each in projections]) for name in names}
-    seen_colors = [a.colors] * len(a.viewmats)
+    # Parts of ``meta``, so that its tensors get the gradients.
+    seen = [Projected(*parts) for parts in zip(*meta.values(), strict=True)]
+    colors = [a.colors] * len(seen)
     if a.sh_degree is not None and a.shows_colors:
         cameras = zip(camera_centers(a.viewmats), meta["radii"], strict=True)
-        seen_colors = [
-            view_colors(a.means, a.colors, center, a.sh_degree, radii) for center, radii in cameras
-        ]
-    images = [
-        composite(
-            meta["means2d"][index],
-            meta["conics"][index],
-            meta["opacities"][index],
-            _stack_channels(a, seen_colors[index], meta["depths"][index]),
-            meta["depths"][index],
-            meta["radii"][index],
-            a.width,
-            a.height,
-        )
-        for index in range(len(a.viewmats))
-    ]
+        colors = [view_colors(a.means, a.colors, center, a.sh_degree, radii) for center, radii in cameras]
+    channels = [_stack_channels(a, own, one.depths) for own, one in zip(colors, seen, strict=True)]
+    images = [composite(*each, a.width, a.height) for each in zip(seen, channels, strict=True)]
     composited, alpha = (torch.stack(parts) for parts in zip(*images, strict=True))
     meta |= {"width": a.width, "height": a.height, "n_cameras": len(a.viewmats)}
     return _finish(a, composited, alpha), alpha, meta
@@ -91,34 +80,20 @@ def _finish(a: Arguments, composited: Tensor, alpha: Tensor) -> Tensor:
 TILE = 16
 
 
-def composite(
-    means2d: Tensor,
-    conics: Tensor,
-    opacities: Tensor,
-    channels: Tensor,
-    depths: Tensor,
-    radii: Tensor,
-    width: int,
-    height: int,
-) -> tuple[Tensor, Tensor]:
+def composite(seen: Projected, channels: Tensor, width: int, height: int) -> tuple[Tensor, Tensor]:
     """Composite the (N, X) channels of Gaussians in one image, nearest first, without a background.
 
-    Gradients reach ``means2d``, ``conics``, ``opacities`` and ``channels``.
-
-    Args:
-        means2d, opacities: (N, 2) centers [px], where pixel centers lie at integer + 0.5; (N,).
-        conics: (N, 3) upper triangle of a positive definite inverse covariance [1/px²].
-        depths: (N,); equal depths keep the order of the Gaussians.
-        radii: (N, 2) int32 half extents [px]; Gaussians with radius 0 are skipped.
+    Equal depths keep the order of the Gaussians; pixel centers lie at integer + 0.5. Gradients reach the centers, conics,
+    opacities and channels.
 
     Returns:
         (H, W, X) weighted sums and (H, W, 1) accumulated alpha.
     """
     columns, rows = -(-width // TILE), -(-height // TILE)
-    ids, counts = intersect_tiles(means2d, depths, radii, columns, rows)
+    ids, counts = intersect_tiles(seen, columns, rows)
     # A channel of ones accumulates alpha. One gather for all tiles makes the gradient one scatter.
-    ones = torch.ones_like(opacities)
-    table = torch.cat([means2d, conics, opacities[:, None], channels, ones[:, None]], dim=-1)
+    opacities = seen.opacities[:, None]
+    table = torch.cat([seen.means2d, seen.conics, opacities, channels, torch.ones_like(opacities)], dim=-1)
     tiles = table.index_select(0, ids).split(counts.tolist())
     pixels = torch.stack(
         [_composite_tile(tile, index % columns, index // columns) for index, tile in enumerate(tiles)]
@@ -128,9 +103,7 @@ def composite(
     return image[..., :-1], image[..., -1:]
 
 
-def intersect_tiles(
-    means2d: Tensor, depths: Tensor, radii: Tensor, columns: int, rows: int
-) -> tuple[Tensor, Tensor]:
+def intersect_tiles(seen: Projected, columns: int, rows: int) -> tuple[Tensor, Tensor]:
     """Find the Gaussians that reach each of ``columns`` x ``rows`` tiles, by their bounding rectangles.
 
     Returns:
@@ -138,10 +111,10 @@ def intersect_tiles(
         (rows * columns,) int64 number of Gaussians in each tile.
     """
     with torch.no_grad():
-        visible = (radii > 0).all(dim=-1).nonzero().squeeze(-1)
-        order = visible[depths[visible].argsort(stable=True)]
-        grid = means2d.new_tensor([columns, rows])
-        centers, extents = means2d[order], radii[order].to(means2d.dtype)
+        visible = (seen.radii > 0).all(dim=-1).nonzero().squeeze(-1)
+        order = visible[seen.depths[visible].argsort(stable=True)]
+        grid = seen.means2d.new_tensor([columns, rows])
+        centers, extents = seen.means2d[order], seen.radii[order].to(seen.means2d.dtype)
         # Clamp before the conversion to integers, which a huge extent would overflow.
         first = ((centers - extents) / TILE).floor().clamp(min=0.0).minimum(grid).long()
         last = ((centers + extents) / TILE).ceil().clamp(min=0.0).minimum(grid).long()

@@ -6,6 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from egosplat.rasterize.reference.projection import Projected
 from egosplat.rasterize.reference.rasterizer import composite
 
 TOLERANCE = {torch.float32: 2e-5, torch.float64: 1e-12}
@@ -59,7 +60,9 @@ def random_gaussians(count: int, width: int, height: int, low: float, high: floa
 def test_compositing_equals_a_plain_loop(count, width, height, low, high, dtype):
     gaussians = random_gaussians(count, width, height, low, high, seed=count)
     *numbers, radii = gaussians
-    found, alpha = composite(*(each.to(dtype) for each in numbers), radii, width, height)
+    means2d, conics, opacities, channels, depths = (each.to(dtype) for each in numbers)
+    seen = Projected(means2d, conics, depths, radii, opacities)
+    found, alpha = composite(seen, channels, width, height)
     expected, expected_alpha = loop(*numbers, width, height)
     torch.testing.assert_close(found.double(), expected, atol=TOLERANCE[dtype], rtol=0)
     torch.testing.assert_close(alpha[..., 0].double(), expected_alpha, atol=TOLERANCE[dtype], rtol=0)
@@ -86,8 +89,9 @@ def test_order_end_and_limit_of_compositing(opacities, depths, color, alpha):
     count = len(opacities)
     conics = torch.tensor([[0.01, 0.0, 0.01]]).double().expand(count, 3)
     colors = 10.0 ** torch.arange(count).double()[:, None]
-    values = torch.tensor(opacities).double(), colors, torch.tensor(depths).double()
-    found = composite(torch.full((count, 2), 0.5).double(), conics, *values, torch.full((count, 2), 9), 1, 1)
+    means2d, values = torch.full((count, 2), 0.5).double(), torch.tensor([depths, opacities]).double()
+    seen = Projected(means2d, conics, values[0], torch.full((count, 2), 9), values[1])
+    found = composite(seen, colors, 1, 1)
     assert (found[0].item(), found[1].item()) == pytest.approx((color, alpha))
 
 
@@ -96,5 +100,6 @@ def test_no_gradient_above_the_largest_alpha(opacity, slope):
     opacities = torch.tensor([opacity], dtype=torch.float64, requires_grad=True)
     mean, conic = torch.full((1, 2), 0.5).double(), torch.tensor([[0.01, 0.0, 0.01]]).double()
     one = torch.ones(1).double()
-    composite(mean, conic, opacities, one[:, None], one, torch.ones(1, 2), 1, 1)[1].sum().backward()
+    seen = Projected(mean, conic, one, torch.ones(1, 2), opacities)
+    composite(seen, one[:, None], 1, 1)[1].sum().backward()
     assert opacities.grad.item() == pytest.approx(slope)
