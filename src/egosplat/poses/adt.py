@@ -41,10 +41,9 @@ def adt_poses(
     device_from_camera: NDArray[np.float64],
     camera: Camera,
     options: PosesOptions,
-    max_gap_ms: float = MAX_GAP_MS,
 ) -> Poses:
     """Interpolate the trajectory of an ADT recording at its frames, and read its points [m]
-    (docs/method.md#poses). Frames outside the trajectory, or between rows further apart than ``max_gap_ms``,
+    (docs/method.md#poses). Frames outside the trajectory, or between rows further apart than ``MAX_GAP_MS``,
     are not registered. UserError if a file is missing or damaged, no frame lies within the trajectory, or
     (closed loop) no point is usable. ``exposure_middle_ns``: (F,) int64 middle of each exposure, in the
     device's clock. ``device_from_camera``: (4, 4) float64; camera axes are those of the (upright) frames."""
@@ -55,12 +54,12 @@ def adt_poses(
         raise UserError(f"{path} is missing: download it{''.join(advice)}")
     trajectory = read_trajectory(path)
     # EgoLifter takes the nearest row instead (docs/method.md#trajectory).
-    world_from_device, notes = interpolate_trajectory(trajectory, exposure_middle_ns, max_gap_ms)
+    world_from_device, notes = interpolate_trajectory(trajectory, exposure_middle_ns, MAX_GAP_MS)
     if not notes["registered"]:
         first, last = trajectory.timestamp_ns[[0, -1]] * 1e-9
         raise UserError(
             f"{path} covers {first:.3f} s to {last:.3f} s, and no frame from {exposure_middle_ns.min() * 1e-9:.3f} s to "
-            f"{exposure_middle_ns.max() * 1e-9:.3f} s lies between rows up to {max_gap_ms:g} ms apart: are both of the same "
+            f"{exposure_middle_ns.max() * 1e-9:.3f} s lies between rows up to {MAX_GAP_MS:g} ms apart: are both of the same "
             "recording? If so, download it again, or set poses.trajectory to the other"
         )
     # Both trajectories are in ADT's scene frame, which ADT publishes already aligned: no alignment is needed here.

@@ -1,7 +1,8 @@
 """Poses of a plain recording that are known already, from a COLMAP model or a ``transforms.json``."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,25 +23,18 @@ from egosplat.poses.result import (
 from egosplat.progress import format_ranges, log
 
 
-def known_poses(
-    recording: Path,
-    kind: str,
-    lenses: list[Lens],
-    pinhole: Camera,
-    pictures: Sequence[str],
-    camera: Camera,
-    options: PosesOptions,
-) -> Poses:
+def known_poses(recording: Path, facts: Mapping[str, Any], options: PosesOptions) -> Poses:
     """Take the poses of a recording's frames from its file, as they are, and in meters if their scale is
-    given. ``kind`` is a key of ``KNOWN_POSES``; the full-size pictures were rectified from ``lenses`` to
-    ``pinhole``; ``pictures`` are the names of the frames' pictures, and ``camera`` that of the frames. Points
-    as for ``colmap_poses``; all of a file without views. UserError if the file is damaged or has changed
-    since the frames were read, or too few frames have a pose."""
+    given. ``facts`` are those of the frames. Points as for ``colmap_poses``; all of a file without views.
+    UserError if the file is damaged or has changed since the frames were read, or too few frames have a
+    pose."""
+    kind, lenses = facts["known_poses"], [Lens.of_facts(lens) for lens in facts["lenses"]]
+    camera, pinhole = Camera(**facts["camera"]), Camera(**facts["pinhole"])
     path = known_poses_path(recording, kind)
     known = read_known_poses(recording, kind, lenses[0].width, lenses[0].height)
     if known.lenses != lenses:
         raise UserError(f"{path}: has changed since the frames were read. Rebuild frames.zarr.")
-    row, _ = match_pictures(known.names, pictures, path)
+    row, _ = match_pictures(known.names, facts["pictures"], path)
     registered = row >= 0
     _check_share(registered, path, options.min_registered)
     scale = options.meters_per_unit or 1.0

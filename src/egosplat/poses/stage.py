@@ -9,7 +9,6 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
 from egosplat.artifacts.writer import create
 from egosplat.calibration.files import KNOWN_POSES, poses_source
-from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.pipeline.stages import load_module
@@ -53,10 +52,7 @@ def _find_poses(source: str, recording: Path, frames: Artifact, options: PosesOp
         device = np.asarray(facts["device_from_camera"], dtype=np.float64)
         return module.adt_poses(recording, frames.read("exposure_middle_ns"), device, camera, options)
     if source == "known":
-        lenses, pinhole = [Lens.of_facts(lens) for lens in facts["lenses"]], Camera(**facts["pinhole"])
-        return module.known_poses(
-            recording, facts["known_poses"], lenses, pinhole, facts["pictures"], camera, options
-        )
+        return module.known_poses(recording, facts, options)
     count, valid = frames.shape("rgb")[0], frames.read("valid")
     shown = (shown_pixels(frames, index, valid) for index in range(count)) if frames.has("masked") else None
     images = (frames.row("rgb", index) for index in range(count))

@@ -23,7 +23,7 @@ MOUNT = make_pose(TURN.as_matrix(), np.array([0.1, 0.0, 0.02]))
 
 def poses_at(folder: Path, times_us: list[float], trajectory: str = "ground_truth", mount=MOUNT) -> Poses:
     times = np.array([round(time * 1000) for time in times_us], dtype=np.int64)
-    return adt_poses(folder, times, mount, CAMERA, PosesOptions(trajectory=trajectory), 50.0)
+    return adt_poses(folder, times, mount, CAMERA, PosesOptions(trajectory=trajectory))
 
 
 def cloud(inv_dist_std: list[float], dist_std: list[float]) -> pd.DataFrame:
