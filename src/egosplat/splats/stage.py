@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -195,7 +194,7 @@ def _write(
             unmasked = replace(held_out, transient=masking.frames(held_out.frame))
             guess = corrections.values_at(held_out.frame)
             fitted = fit(gaussians, unmasked, guess, corrections, options.render, sh_degree)
-            _put_corrections(artifact, corrections, poses, held_out.frame, fitted)
+            _put_corrections(artifact, corrections, poses, held_out, fitted)
             held_out = applied(held_out, fitted, corrections.compression)
             facts |= {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}
             facts["highlight_compression"] = float(corrections.compression)
@@ -206,21 +205,17 @@ def _write(
 
 
 def _put_corrections(
-    artifact: Writer,
-    corrections: Corrections,
-    poses: Artifact,
-    held_out: NDArray[np.int64],
-    fitted: torch.Tensor,
+    artifact: Writer, corrections: Corrections, poses: Artifact, held_out: Views, fitted: torch.Tensor
 ) -> None:
-    """Store the corrections of all frames: trained, (V, 9) ``fitted`` of the frames ``held_out``, and those in between."""
+    """Store the corrections of all frames: trained, (V, 9) ``fitted`` of the views held out, and those in between."""
     registered, camera_to_world = np.flatnonzero(poses.read("registered")), poses.read("camera_to_world")
     values = torch.zeros(len(camera_to_world), fitted.shape[1], dtype=torch.float64)
     values[registered] = corrections.values_at(registered)
-    values[held_out] = fitted
+    values[held_out.frame] = fitted
     source = np.full(len(values), AS_GIVEN, np.int8)
     source[registered] = INTERPOLATED if corrections.smooth else AS_GIVEN
     source[corrections.trained_frames] = TRAINED
-    source[held_out] = FITTED
+    source[held_out.frame] = FITTED
     shift, turn = values[:, :3].numpy(), np.degrees(values[:, 3:6].norm(dim=1).numpy())
     artifact.put("corrections/camera_to_world", corrected_poses(camera_to_world, values))
     artifact.put("corrections/source", source)
