@@ -35,8 +35,8 @@ def picture() -> np.ndarray:
     return np.stack([columns, rows, np.full_like(rows, 7)], axis=-1).astype(np.uint8)[None]
 
 
-def cover(xyz, rgb, poses=POSE[None], valid=ALL, pictures=None):
-    shown = torch.from_numpy(picture() if pictures is None else pictures)
+def cover(xyz, rgb, poses=POSE[None], valid=ALL):
+    shown = torch.from_numpy(np.concatenate([picture()] * len(poses)))
     weight = torch.from_numpy(valid).float()
     views = Views(np.arange(len(poses)), shown, poses, weight, None, CAMERA, torch.device("cpu"))
     return densify(xyz, rgb, views, 0.1)
@@ -72,9 +72,7 @@ def test_empty_cells_get_a_point_at_the_neighboring_depth_in_the_image_s_color()
     assert (pixels[:, 0] >= 48).all()
     np.testing.assert_allclose(shown[:, :2], pixels, atol=1.0)
     # The points of one photograph count for the next.
-    assert len(cover(xyz, rgb, np.stack([POSE, POSE]), pictures=np.concatenate([picture()] * 2))[0]) == len(
-        every
-    )
+    assert len(cover(xyz, rgb, np.stack([POSE, POSE]))[0]) == len(every)
 
 
 def test_the_nearest_cell_s_median_decides():

@@ -58,8 +58,7 @@ def random_gaussians(count: int, width: int, height: int, low: float, high: floa
     [(30, 37, 19, 0.05, 0.9), (60, 17, 33, 0.9, 1.0), (1, 16, 16, 0.5, 0.6), (40, 5, 3, 0.01, 0.05)],
 )
 def test_compositing_equals_a_plain_loop(count, width, height, low, high, dtype):
-    gaussians = random_gaussians(count, width, height, low, high, seed=count)
-    *numbers, radii = gaussians
+    *numbers, radii = random_gaussians(count, width, height, low, high, seed=count)
     means2d, conics, opacities, channels, depths = (each.to(dtype) for each in numbers)
     seen = Projected(means2d, conics, depths, radii, opacities)
     found, alpha = composite(seen, channels, width, height)
@@ -99,7 +98,6 @@ def test_order_end_and_limit_of_compositing(opacities, depths, color, alpha):
 def test_no_gradient_above_the_largest_alpha(opacity, slope):
     opacities = torch.tensor([opacity], dtype=torch.float64, requires_grad=True)
     mean, conic = torch.full((1, 2), 0.5).double(), torch.tensor([[0.01, 0.0, 0.01]]).double()
-    one = torch.ones(1).double()
-    seen = Projected(mean, conic, one, torch.ones(1, 2), opacities)
-    composite(seen, one[:, None], 1, 1)[1].sum().backward()
+    seen = Projected(mean, conic, torch.ones(1), torch.ones(1, 2), opacities)
+    composite(seen, torch.ones(1, 1).double(), 1, 1)[1].sum().backward()
     assert opacities.grad.item() == pytest.approx(slope)
