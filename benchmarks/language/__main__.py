@@ -80,12 +80,8 @@ def read(folder: Path) -> Scene:
     kinds = {"frames": FRAMES, "poses": POSES, "instances": INSTANCES, "features": FEATURES, "splats": SPLATS}
     found = {name: open_artifact(folder / f"{name}.zarr", schema) for name, schema in kinds.items()}
     splats = found["splats"]
-    masking = open_masking(
-        splats.provenance["options"]["masking"],
-        found["frames"],
-        transient_path=folder / "transient.zarr",
-        masks_path=folder / "masks.zarr",
-    )
+    paths = {f"{name}_path": folder / f"{name}.zarr" for name in ("transient", "masks")}
+    masking = open_masking(splats.provenance["options"]["masking"], found["frames"], paths)
     targets = CodeTargets(found["instances"], found["features"], CPU)
     given = read_gaussians(splats), read_render_settings(splats, "auto")
     views = select_code_views(found["frames"], found["poses"], splats, targets.of, masking, *given)

@@ -129,9 +129,8 @@ def training_views(scene: Scene) -> CodeViews:
     """The training views of the scene's codes, masked as they were."""
     frames, poses, splats = map(scene.artifact, ("frames", "poses", "splats"))
     transient, masks = locate(scene.folder, "transient", "masks")
-    masking = open_masking(
-        splats.provenance["options"]["masking"], frames, transient_path=transient, masks_path=masks
-    )
+    paths = {"transient_path": transient, "masks_path": masks}
+    masking = open_masking(splats.provenance["options"]["masking"], frames, paths)
     kept, _ = kept_frames(frames, survey_of(scene.folder))
     given = scene.gaussians, scene.trained.settings
     return select_code_views(frames, poses, splats, None, masking, *given, kept)

@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import json
 import os
+import re
 import shutil
 import tempfile
 import uuid
@@ -46,18 +47,19 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def alone(mark: Path, what: str) -> Iterator[None]:
-    """Let one process at a time make ``what``; the file ``mark`` is there meanwhile (UserError: names the process that does)."""
-    mark.parent.mkdir(parents=True, exist_ok=True)
-    mark.touch()
-    try:
-        with _locked(mark):
-            mark.write_text(str(os.getpid()))
-            yield
-            mark.unlink()
-    except BlockingIOError:
-        told = f"process {mark.read_text()} is making it; wait for it, or end it: kill {mark.read_text()}"
-        raise UserError(f"{what}: {told}") from None
+def alone(folder: Path, what: str) -> Iterator[None]:
+    """Let one process at a time make ``what`` in a folder, in which nothing tells of it (UserError: names the process that does)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(_locked(folder))
+        except BlockingIOError:
+            device, inode = folder.stat().st_dev, folder.stat().st_ino
+            mark = f"{os.major(device):02x}:{os.minor(device):02x}:{inode} "
+            found = re.search(f"([1-9][0-9]*) {mark}", Path("/proc/locks").read_text())
+            whose = f"process {found[1]}: wait for it, or kill {found[1]}" if found else "another process"
+            raise UserError(f"{what}: is being made by {whose}") from None
+        yield
 
 
 @contextlib.contextmanager

@@ -36,9 +36,19 @@ def show_log() -> None:
     """Show log lines and progress on standard error, unless the program has given the logger a handler of its own."""
     if not _LOGGER.handlers:
         _LOGGER.addHandler(_StandardError())
-        _LOGGER.setLevel(logging.INFO)
         # A library that configures the root logger would show each line twice.
         _LOGGER.propagate = False
+    _LOGGER.setLevel(logging.INFO)
+
+
+def hush_log() -> None:
+    """Show neither log lines nor progress."""
+    _LOGGER.setLevel(logging.WARNING)
+
+
+def is_hushed() -> bool:
+    """Whether ``hush_log`` was called."""
+    return _LOGGER.level == logging.WARNING
 
 
 def name_lines(step: str) -> None:

@@ -47,6 +47,9 @@ def test_the_server_answers_as_python_does(page_scene, open_tab, serve):
     assert found["things"][0]["center"] == pytest.approx(cup.things[0].center.tolist())
     assert '"<img>" was' not in page.evaluate(ASK, "<img src=x>")["why"]
     page.evaluate(ASK, "zeppelin & cup")
+    page.wait_for_url(re.compile("#ask=zeppelin.*&view="))
+    (other := open_tab()).goto(page.url)
+    other.locator("#answer:not([aria-busy])", has_text="cup: found").wait_for()
     assert re.search("zeppelin: .* never taught .*\ncup: found", page.inner_text("#answer"))
     assert "shorten it" in page.evaluate(ASK, "cup " * 400)["why"]
     assert all(one.startswith(server.address) for one in page.requests) and page.errors == []

@@ -63,11 +63,11 @@ def test_a_video_becomes_a_scene_that_answers(clip, tmp_path):
     assert again.returncode == 0 and "Nothing to be done" in again.stderr
 
     # What a message tells to remove comes back, with the same settings.
-    splats, told = "results/mine/wall/splats.zarr", "egosplat query results/mine/wall couch 2>&1"
-    made = shell(folder, f'rm -r {splats}; eval "$({told} | sed "s/.*Make the scene: //")"; rm -r {splats}')
-    assert made.returncode == 0 and set(re.findall(r"\(Rule: (\w+)\)", made.stderr)) == {"splats"}, (
-        made.stderr
-    )
+    splats, told = "results/mine/wall/splats.zarr", "egosplat view results/mine/wall 2>&1"
+    lost = f"{splats} results/mine/wall/features.zarr"
+    made = shell(folder, f'rm -r {lost}; eval "$({told} | sed "s/.*Make the scene: //")"; rm -r {splats}')
+    assert made.returncode == 0 and "splats: took 0:" in made.stdout
+    assert set(re.findall(r"\(Rule: (\w+)\)", made.stderr)) == {"splats", "features"}, made.stderr
     assert egosplat_run(folder, str(clip)).returncode == 0 and (folder / splats).is_dir()
 
     clip.with_name("wall.mp4.transforms.json").write_text("{}")

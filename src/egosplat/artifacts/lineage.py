@@ -7,7 +7,7 @@ from pathlib import Path
 
 from egosplat.artifacts.consistency import check_made_from, made_from_another
 from egosplat.artifacts.integrity import rebuild_command
-from egosplat.artifacts.reader import Artifact, open_any, recorded_digest, verify
+from egosplat.artifacts.reader import Artifact, open_any, open_artifact, recorded_digest, verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError, user_message
 from egosplat.pipeline.home import shared_with
@@ -24,6 +24,12 @@ class Lineage:
 
     found: Mapping[str, Artifact]
     lost: tuple[str, ...]
+
+
+def open_inputs(paths: Mapping[str, Path | None]) -> dict[str, Artifact]:
+    """Open the artifacts that a stage is given, by name; a path is called as ``frames_path``, and None if it is not given."""
+    given = {name.removesuffix("_path"): path for name, path in paths.items() if path is not None}
+    return {name: open_artifact(path, SCHEMAS[name]) for name, path in given.items()}
 
 
 def lineage(artifacts: Sequence[Artifact]) -> Lineage:

@@ -13,8 +13,8 @@ _TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8
 _TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4", "int8": "i1", "int16": "i2", "int32": "i4"}
 _TYPES |= {"uint8": "u1", "uint16": "u2", "uint32": "u4", "float32": "f4", "float64": "f8"}
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
-# Color of points without one, and the names of colors, in small letters: usual, of MeshLab, and of PCL.
-_GREY = 128
+# Color of points without one, largest number of a color, and names of colors, in small letters: usual, of MeshLab, and of PCL.
+_GREY, _MOST = 128, 2.0**32
 _COLORS = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 
 
@@ -29,11 +29,17 @@ def read_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     if (found := next((each for each in _COLORS if {*each} <= own.keys()), None)) is None:
         log(f"{path}: its points have no {', '.join(_COLORS[0])}, and are gray")
         return points, np.full(points.shape, _GREY, np.uint8)
-    colors = np.nan_to_num(np.stack([own[name].astype(np.float64) for name in found], axis=-1))
+    colors = np.stack([own[name].astype(np.float64) for name in found], axis=-1)
+    wrong = ~(np.abs(colors) <= _MOST).all(axis=1)
+    if wrong.any():
+        log(
+            f"{path}: {wrong.sum()} of its points have colors that are no numbers or above {_MOST:g}, and are gray"
+        )
+    colors[wrong] = 0.0
     # Fractions, or numbers of up to 8, 16 or 32 bits.
     least = 1.0 if own[found[0]].dtype.kind == "f" else 255.0
-    most = next((most for most in (least, 255.0, 65535.0) if colors.max(initial=0) <= most), 2.0**32)
-    return points, np.rint((colors / most).clip(0, 1) * 255).astype(np.uint8)
+    most = next((most for most in (least, 255.0, 65535.0) if colors.max(initial=0) <= most), _MOST)
+    return points, np.where(wrong[:, None], _GREY, (colors / most).clip(0, 1) * 255).round().astype(np.uint8)
 
 
 def read_vertices(path: Path) -> NDArray[np.void]:

@@ -1,6 +1,7 @@
 """The command line: a sub-command for each stage, with the stage's paths as flags and its keys in ``--set``."""
 
 import atexit
+import contextlib
 import difflib
 import gc
 import os
@@ -22,7 +23,7 @@ from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
 from egosplat.pipeline.stages import FILES, STAGES, run_stage
-from egosplat.progress import name_lines, show_log
+from egosplat.progress import log, name_lines, show_log
 
 # The groups of commands in ``--help``; all others are stages, or pages of several scenes.
 _GROUPS = {
@@ -167,6 +168,7 @@ def stage_command(stage: str) -> click.Command:
             import_module(STAGES[stage].module)
         if STARTED_BY in os.environ:
             name_lines(stage)
+            _tell_last_time(paths["output"])
         if stage in FILES:
             check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
         run_stage(stage, options, **paths)
@@ -176,6 +178,13 @@ def stage_command(stage: str) -> click.Command:
     about = {"callback": call, "params": path_flags(stage), "help": STAGES[stage].help}
     name, keys = stage.replace("_", "-"), stage_options(stage)
     return KeysCommand(name, keys, stage, **about) if keys else click.Command(name, **about)
+
+
+def _tell_last_time(output: Path) -> None:
+    """Log how long a result took the last time, as Snakemake measured it beside the log."""
+    with contextlib.suppress(OSError, IndexError):
+        measured = Path("logs", *output.with_suffix(".tsv").parts[1:]).read_text()
+        log(f"took {measured.splitlines()[1].split()[1]} the last time [h:m:s]")
 
 
 def main() -> None:

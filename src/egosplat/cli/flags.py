@@ -16,10 +16,15 @@ from egosplat.pipeline.messages import describe_value, make_options, shorten, sh
 from egosplat.pipeline.options import Options, full_names, keys_of, sections_of
 from egosplat.pipeline.stages import FILES, STAGES, path_help
 from egosplat.pipeline.variants import PRESET_FILES
+from egosplat.progress import hush_log
 
 ARTIFACT = click.Path(path_type=Path)
 
 OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
+
+# Hides all but results and errors.
+QUIET: dict[str, Any] = {"is_flag": True, "expose_value": False, "help": "Print results and errors alone."}
+QUIET["callback"] = lambda context, parameter, value: hush_log() if value else None
 
 # The key with a flag of its own in commands on a scene.
 PLAIN = "min_score"

@@ -1,18 +1,20 @@
 """Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``catalog``, ``page``, ``view``, ``export`` and ``movie``."""
 
+import json
 import shlex
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from egosplat.cli.flags import ARTIFACT, OVERWRITE, KeysCommand, parse_time, without_collection
+from egosplat.cli.flags import ARTIFACT, OVERWRITE, QUIET, KeysCommand, parse_time, without_collection
 from egosplat.export.scene import FORMATS, export_scene
 from egosplat.files import check_output
 from egosplat.pipeline.home import ASKED, PRESET_NAMES, check_scene_folder
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.stages import STAGES
+from egosplat.progress import log
 from egosplat.query.options import MOST, AskingOptions
 from egosplat.viewing.options import PageOptions, ScenePageOptions
 
@@ -29,11 +31,14 @@ def on_folder(options: type[Options], own: str, about: str) -> Callable[..., Key
     return decorate
 
 
+JSON = click.option("--json", "as_json", is_flag=True, help="Print JSON alone, see docs/look.md#json.")
+
+
 def writes(what: str) -> Callable[..., Callable[..., None]]:
-    """Add the flags of what a command writes."""
+    """Add the flags of a command that writes something."""
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        overwrite = click.option("--overwrite", **OVERWRITE)(function)
+        overwrite = click.option("--overwrite", **OVERWRITE)(click.option("--quiet", **QUIET)(function))
         return click.option("--output", type=ARTIFACT, help=what)(overwrite)
 
     return decorate
@@ -59,11 +64,13 @@ def _check_paths(
 @click.option("--frame", type=click.IntRange(0), help="Search only this frame. [default: the whole scene]")
 @click.option("--pose", type=ARTIFACT, help='Search only this view: JSON, {"camera_to_world": 4 rows of 4}.')
 @click.option("--most", type=click.IntRange(1), default=MOST, show_default=True, help="Most matches listed.")
+@JSON
 @writes("Output image, .png. [default: FOLDER/query.png]")
 def query(
     folder: Path,
     phrases: tuple[str, ...],
     options: AskingOptions,
+    as_json: bool = False,
     output: Path | None = None,
     overwrite: bool = False,
     frame: int | None = None,
@@ -76,18 +83,26 @@ def query(
     """Find each of PHRASES in the finished scene of FOLDER, such as results/adt/scene1; or what --like shows."""
     if not (phrases or like):
         raise click.UsageError("give words, or a picture: --like crop.png")
-    output = _check_paths(folder, ASKED, "query.png", output, overwrite)
+    if as_json and output:
+        raise click.UsageError("--output: goes without --json, which draws no picture")
+    output = output if as_json else _check_paths(folder, ASKED, "query.png", output, overwrite)
     with without_collection():
         from egosplat.query import like as pictures
-        from egosplat.query.command import run
+        from egosplat.query.command import describe, list_answers, run
         from egosplat.query.finished_scene import open_scene
 
         scene = open_scene(folder, options)
         known = pictures.read_names(folder) | (pictures.read_names(names) if names else {})
         named = {} if like else {one: known[one.lower()] for one in phrases if one.lower() in known}
         rest = [one for one in phrases if one not in named and not like]
+        scenes = [scene, *(open_scene(Path(one), options) for one in phrases if like)]
+        if as_json:
+            wanted = [*map(Path, like)], named, most
+            looks = [(one, pictures.ask_looks(one, *wanted)) for one in scenes if like or named]
+            alike = [describe(one, answer) for one, found in looks for answer, _ in found]
+            view = scene.viewpoint(frame, pose)
+            return click.echo(json.dumps([*alike, *list_answers(scene, rest, view, most, at)], indent=1))
         if like or named:
-            scenes = [scene, *(open_scene(Path(one), options) for one in phrases if like)]
             page = output.with_stem(f"{output.stem}_like") if rest else output
             for paragraph in pictures.run(scenes, [*map(Path, like)], named, most, page):
                 click.echo(paragraph)
@@ -129,13 +144,14 @@ def page(
 
 
 @on_folder(AskingOptions, "query", "List what is in a finished scene.")
+@JSON
 @writes("Output table, .csv or .json, or folder of a .ply file of each thing. [default: none]")
-def catalog(folder: Path, output: Path | None, overwrite: bool, options: AskingOptions) -> None:
+def catalog(folder: Path, **asked: Any) -> None:
     """List the things in the finished scene of FOLDER, each once, with place and size."""
     with without_collection():
         from egosplat.export.catalog import run
 
-    for paragraph in run(folder, options, output, overwrite):
+    for paragraph in run(folder, **asked):
         click.echo(paragraph)
 
 
@@ -182,34 +198,15 @@ def movie(folder: Path, output: Path | None, overwrite: bool, options: AskingOpt
     run(open_scene(folder, options), output=output, **asked)
 
 
-class RunCommand(click.Command):
-    """A command whose option ``--words`` takes several words."""
-
-    def parse_args(self, context: click.Context, args: list[str]) -> list[str]:
-        return super().parse_args(context, spread(args))
-
-
-def spread(args: Sequence[str]) -> list[str]:
-    """Repeat ``--words`` before each of the words behind it, as click needs it."""
-    words, inside = [], False
-    for word, following in zip(args, [*args[1:], "-"], strict=True):
-        if word == "--words" and not following.startswith("-"):
-            inside = True
-            continue
-        inside = inside and not word.startswith("-")
-        words += ["--words", word] if inside else [word]
-    return words
-
-
 @click.command(
-    cls=RunCommand,
     short_help="Make a scene of a video or photographs, and ask it.",
     help="Make a scene of SOURCE, which can be asked: a video, a folder or .zip of photographs, a folder of COLMAP or "
     "nerfstudio, or a .vrs of Aria glasses. Run again, it does what is new.",
 )
 @click.argument("source", type=ARTIFACT)
+@click.argument("words", nargs=-1)
 @click.option("--preset", type=click.Choice(PRESET_NAMES), help="Speed or accuracy. [default: balanced]")
-@click.option("--words", multiple=True, metavar="WORD ...", help="Ask for these at the end.")
+@click.option("--words", "asked", is_flag=True, help="Ask for WORDS at the end.")
 @click.option("--open", "show", is_flag=True, help="Open the scene in the browser at the end.")
 @click.option(
     "--name", metavar="DATASET/SCENE", help="Name of the scene. [default: mine/ and that of SOURCE]"
@@ -221,6 +218,7 @@ def spread(args: Sequence[str]) -> list[str]:
     "--splat", type=FILE, help="Gaussians of SOURCE from another program, .ply or .spz: none are trained."
 )
 @click.option("--cores", type=click.IntRange(1), help="Number of processors. [default: all]")
+@click.option("--quiet", **QUIET)
 def run(
     source: Path,
     name: str | None,
@@ -229,12 +227,14 @@ def run(
     splat: str | None,
     cores: int | None,
     words: tuple[str, ...],
+    asked: bool,
     show: bool,
 ) -> None:
+    log(f"{source}: looking at the recording")
     from egosplat.run.command import make_scene
 
-    if any(not word.strip() for word in words):
-        raise click.UsageError("--words: a word is empty")
+    if bool(words) != asked or not all(map(str.strip, words)):
+        raise click.UsageError("give one recording, and words to ask for behind --words, none of them empty")
     if splat is not None:
         if any(map(str.isspace, splat)):
             raise click.UsageError(f"--splat {splat}: has a space in its name; rename it, or give a link")
@@ -247,11 +247,11 @@ def run(
     if words:
         assert query.callback is not None
         query.callback(folder, words, AskingOptions())
-    where = shlex.quote(str(folder))
+    where, logs = shlex.quote(str(folder)), Path("logs", *folder.parts[1:])
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    click.echo(f"{folder} is ready, {size / 1e6:,.0f} MB; {folder / 'scene.html'} is its page, to share.")
-    click.echo(f"  egosplat query {where} chair table cup    where is it?")
-    click.echo(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
+    log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {folder / 'scene.html'}; logs: {logs}")
+    log(f"  egosplat query {where} chair table cup    where is it?")
+    log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
     if show:
         from egosplat.viewing.command import run as show_scene
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from egosplat.alarms.artifact_alarms import alarms_of, find_chance_alarm, warning_lines
 from egosplat.artifacts import provenance
-from egosplat.artifacts.lineage import Lineage
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FEATURES, HISTORIES, MASKS, length_unit
+from egosplat.artifacts.lineage import Lineage, open_inputs
+from egosplat.artifacts.reader import Artifact
+from egosplat.artifacts.schemas import FEATURES, MASKS, length_unit
 from egosplat.evaluation.document import answer_entries, finite, models_used, provenance_entries
 from egosplat.evaluation.evaluation_frames import (
     SCORED,
@@ -30,26 +30,19 @@ from egosplat.gaussians.io import read_exposure
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.validation import write_document
 from egosplat.progress import log
-from egosplat.query.finished_scene import Scene, open_encoded, scene_of
+from egosplat.query.finished_scene import Scene, scene_of
 
 
 def run(
-    frames_path: Path,
-    poses_path: Path,
-    annotations_path: Path,
-    splats_path: Path,
-    language_path: Path,
+    *,
     output: Path,
     options: MetricsOptions,
-    *,
     title: str,
     method: str | None = None,
     preset: str | None = None,
     world_seed: int | None = None,
     camera: str | None = None,
-    features_path: Path | None = None,
-    tiles_path: Path | None = None,
-    histories_path: Path | None = None,
+    **paths: Path | None,
 ) -> None:
     """Write the scores of a scene as JSON, see ``metrics.schema.yaml``; with histories each frame is asked and rendered at its
     own time.
@@ -58,15 +51,12 @@ def run(
     from. A synthetic apartment has a seed and a camera. UserError: inputs do not match, another model made them, or the backend
     cannot run.
     """
-    paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
-    artifacts = list(map(open_artifact, paths, SCORED))
-    frames, poses, annotations, splats, language = artifacts
+    artifacts = open_inputs(paths)
+    frames, poses, annotations, splats, language = (artifacts[schema.name] for schema in SCORED)
     if language.facts.get("maps_only"):
         options = options.change(readout="pixels")
-    encoded = open_encoded(features_path, tiles_path)
-    tracked = () if histories_path is None else (open_artifact(histories_path, HISTORIES),)
-    scene = scene_of([*artifacts, encoded, *tracked], options)
-    made_from, used = scene.made_from, list(scene.made_from.found.values())
+    scene = scene_of(artifacts.values(), options)
+    made_from, used, encoded = scene.made_from, list(scene.made_from.found.values()), scene.encoded
     keys = options.as_dict() | {"confidence": CONFIDENCE, "resamples": RESAMPLES, "seed": SEED}
     models = {key: model["hash"] for key, model in models_used(made_from).items() if key in keys}
     record = provenance.begin_from("metrics", keys, used, models)

@@ -1,5 +1,6 @@
 """Tell what is in a scene, in a table and in files: ``egosplat catalog``."""
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,18 +14,21 @@ from egosplat.export.gaussians import geometry_columns, write_ply
 from egosplat.files import atomic_directory, check_new_folder, check_output, write_json, write_text
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.home import ASKED, check_scene_folder
+from egosplat.progress import log
 from egosplat.query.answers import Answer
 from egosplat.query.catalog import catalog
-from egosplat.query.command import align_rows, answer_rows, carried_table
+from egosplat.query.command import align_rows, answer_rows, carried_table, describe
 from egosplat.query.finished_scene import Scene, open_scene
 from egosplat.query.options import AskingOptions
 
 _PLACE = ("x", "y", "z", "size_x", "size_y", "size_z")
 
 
-def run(folder: Path, options: AskingOptions, output: Path | None, overwrite: bool) -> Iterator[str]:
-    """Yield the table of what is in a scene, that of what is carried, and a line about the output, if it is to be written: .csv, .json,
-    or a folder with a .ply file of each thing (UserError: it cannot be written, or as ``catalog``)."""
+def run(
+    folder: Path, options: AskingOptions, output: Path | None, overwrite: bool, as_json: bool
+) -> Iterator[str]:
+    """Yield the table of what is in a scene and that of what is carried, or JSON, and a line about the output, if it is to be written:
+    .csv, .json, or a folder with a .ply file of each thing (UserError: it cannot be written, or as ``catalog``)."""
     if output is not None and output.suffix:
         if output.suffix.lower() not in (".csv", ".json"):
             raise UserError(f"{output}: is no table; give --output a name in .csv or .json, or of a folder")
@@ -34,24 +38,27 @@ def run(folder: Path, options: AskingOptions, output: Path | None, overwrite: bo
     check_scene_folder(folder, ASKED)
     scene = open_scene(folder, options)
     things, grading = catalog(scene), scene.grading()
+    document = [describe(scene, one) for one in things]
     header = f"thing,answer,{grading.measure},level,center [{scene.unit}],size [{scene.unit}],frame"
     rows = [tuple(header.split(","))]
     for thing in things:
         rows += answer_rows(replace(thing, phrase=" or ".join([thing.phrase, *thing.also])), grading)
     notice = notice_of_artifacts(scene.made_from.found.values())
-    yield "\n".join(filter(None, [f"{folder}, origin {scene.origin}", notice, align_rows(rows)]))
-    if carried := carried_table(things, scene.unit, None):
+    table = "\n".join(filter(None, [f"{folder}, origin {scene.origin}", notice, align_rows(rows)]))
+    yield json.dumps(document, indent=1) if as_json else table
+    if (carried := carried_table(things, scene.unit, None)) and not as_json:
         yield f"\n{carried}"
     if output is not None:
-        _write(scene, things, output)
-        yield f"{output}: {len(things)} things"
+        if output.suffix.lower() == ".json":
+            write_json(output, document)
+        else:
+            _write(scene, things, output)
+        log(f"{output}: {len(things)} things")
 
 
 def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
     records = [_record(scene, thing) for thing in things]
-    if output.suffix.lower() == ".json":
-        write_json(output, records)
-    elif output.suffix:
+    if output.suffix:
         write_text(output, pd.DataFrame(records).convert_dtypes().to_csv(index=False))
     else:
         gaussians = scene.gaussians.to(torch.device("cpu"))

@@ -1,6 +1,6 @@
 """Photographs with poses, for training and evaluation: the role of each frame, and which pixels are masked."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -196,11 +196,9 @@ class Masking:
         return Masking(None, "", self.masked)
 
 
-def open_masking(
-    kind: str, frames: Artifact, *, transient_path: Path | None, masks_path: Path | None
-) -> Masking:
-    """Open the artifact that a kind of masking needs: ``none``, ``initial`` (M of the network) or ``refined``
-    (M of instances; UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is
+def open_masking(kind: str, frames: Artifact, paths: Mapping[str, Path | None]) -> Masking:
+    """Open the artifact that a kind of masking needs, of the ``paths`` that a stage is given: ``none``, ``initial`` (M of the
+    network) or ``refined`` (M of instances; UserError: the kind is ``auto``, which only the workflow resolves; or the artifact is
     missing, unreadable or made from other frames)."""
     masked = frames if frames.has("masked") else None
     if kind == "none":
@@ -211,7 +209,6 @@ def open_masking(
             "here give --masking none or refined"
         )
     name, schema, array = _SOURCES[kind]
-    path = {"transient": transient_path, "masks": masks_path}[name]
-    [artifact] = open_needed(f"splats.masking = {kind}", (path, schema))
+    [artifact] = open_needed(f"splats.masking = {kind}", (paths.get(f"{name}_path"), schema))
     check_made_from(artifact, frames, axes=("frame", "height", "width"))
     return Masking(artifact, array, masked)

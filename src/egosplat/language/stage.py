@@ -31,13 +31,7 @@ def run(
     splats_path: Path,
     output: Path,
     options: LanguageOptions,
-    *,
-    survey_path: Path | None = None,
-    transient_path: Path | None = None,
-    masks_path: Path | None = None,
-    instances_path: Path | None = None,
-    features_path: Path | None = None,
-    tiles_path: Path | None = None,
+    **more: Path | None,
 ) -> None:
     """Write the language artifact of ``splats``.
 
@@ -46,20 +40,17 @@ def run(
     the others, jointly trained codes are of other features, the backend cannot run, or training diverges.
 
     Args:
-        survey_path: excludes frames from training.
-        instances_path, features_path, tiles_path: what the method learns from.
+        more: paths that some configurations need: ``survey_path`` excludes frames from training; of masks; and
+            ``instances_path``, ``features_path`` and ``tiles_path``, what the method learns from.
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     splats = open_artifact(splats_path, SPLATS)
     name = "joint" if splats.provenance["options"]["language"] == "joint" else options.method
     check_made_from(poses, frames, axes=("frame",))
-    masking = open_masking(
-        splats.provenance["options"]["masking"], frames, transient_path=transient_path, masks_path=masks_path
-    )
-    kept, by_survey = kept_frames(frames, survey_path)
+    masking = open_masking(splats.provenance["options"]["masking"], frames, more)
+    kept, by_survey = kept_frames(frames, more.get("survey_path"))
     method: Method = load_module("language", name).METHOD
-    paths = {"instances": instances_path, "features": features_path, "tiles": tiles_path}
-    needed = [(paths[schema.name], schema) for schema in method.learns_from]
+    needed = [(more.get(f"{schema.name}_path"), schema) for schema in method.learns_from]
     learnt_from = open_needed(f"language by method {name}", *needed)
     used = [frames, poses, splats, *masking.artifacts, *learnt_from]
     record = provenance.begin_from("language", options.as_dict() | by_survey, used, chosen=name)

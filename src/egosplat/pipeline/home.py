@@ -65,11 +65,12 @@ def how_to_reinstall() -> str:
     return f"install the source distribution: run pip install {fresh} egosplat-{__version__}.tar.gz"
 
 
-def make_command(path: Path, flag: str = "") -> str:
-    """The shell command that makes a result, from any working directory; ``flag`` ends with a blank."""
+def make_command(path: Path, *others: Path, flag: str = "") -> str:
+    """The shell command that makes a result, with others of its folder, from any working directory; ``flag`` ends with a blank."""
     if (match := _RESULT.search(path.as_posix())) is None:
         return "run its command again"
-    root, target = Path(path.as_posix()[: match.start(1)]), shlex.quote(match[1])
+    root = Path(path.as_posix()[: match.start(1)])
+    target = shlex.join([match[1], *(str(other.relative_to(root)) for other in others)])
     folder = shlex.quote(str(root))
     # Results may lie apart from the workflow, by Snakemake's option --directory.
     words = f"{_settings_of(root / match[1])}--cores 2 {flag}"
@@ -109,8 +110,9 @@ def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
         lack = f"lacks {', '.join(missing)}" if folder.exists() else "does not exist"
         advice = f"Give the folder of a finished scene, such as {EXAMPLE}"
         if match := _SCENE.fullmatch(folder.as_posix()):
-            what = "variant" if match[1] else "scene"
-            advice = f"Make the {what}: {make_command(folder / missing[-1])}"
+            # A variant shares what its last artifact is made from.
+            what, made = ("variant", missing[-1:]) if match[1] else ("scene", missing)
+            advice = f"Make the {what}: {make_command(*(folder / name for name in made))}"
         raise UserError(f"{folder}: {lack}. {advice}")
 
 

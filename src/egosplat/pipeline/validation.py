@@ -34,7 +34,7 @@ def _close(part: Any) -> None:
 def read_document(path: Path, name: str) -> dict[str, Any]:
     """Read a JSON result and check it against the schema ``name`` (UserError: the file is missing, is not
     JSON, or does not match the schema; says how to make it)."""
-    again = f"Rebuild it: {make_command(path, '--force ')}"
+    again = f"Rebuild it: {make_command(path, flag='--force ')}"
     if not path.exists():
         raise UserError(f"{path}: does not exist. Make it: {make_command(path)}")
     document = read_users_json(path, f" {again}")

@@ -1,6 +1,7 @@
 """What a scene answers to a query: the things that match in 3D, or the pixels of one view."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,3 +142,12 @@ class Answer:
     def asked(self) -> str:
         """What was asked, as it was read."""
         return self.question.read if self.question else self.phrase
+
+
+def as_json(value: Any) -> Any:
+    """An answer, a place or a part of them for JSON: the attributes that ``print`` shows; None for a place that is not known."""
+    if is_dataclass(value):
+        return {one.name: as_json(getattr(value, one.name)) for one in fields(value) if one.repr}
+    if isinstance(value, np.ndarray):
+        return value.tolist() if np.isfinite(value).all() else None
+    return [*map(as_json, value)] if isinstance(value, tuple | list) else value

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from egosplat.geometry import Array
 from egosplat.histories.told import clock
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import track
-from egosplat.query.answers import NOTHING, Answer
+from egosplat.query.answers import NOTHING, Answer, as_json
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import NOT_ASKED, Grading
 from egosplat.query.scene import Viewpoint
@@ -43,8 +44,7 @@ def run(
     Yields the table, one of what was carried if anything was, then a line about the picture once it is drawn. UserError: as
     ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
     """
-    if at is not None:
-        viewpoint = _viewpoint_at(scene, viewpoint, at)
+    viewpoint = _viewpoint_at(scene, viewpoint, at)
     place = "the whole scene" if viewpoint is None else viewpoint.name
     notice = notice_of_artifacts(scene.made_from.found.values())
     lines = [f"{scene.folder}, {place}, origin {scene.origin}", notice]
@@ -91,8 +91,30 @@ def run(
         raise UserError(f"{refused} of {count} questions could not be asked: the table says why")
 
 
-def _viewpoint_at(scene: Scene, viewpoint: Viewpoint | None, at: float) -> Viewpoint | None:
-    """The viewpoint at a time; None for the whole scene."""
+def list_answers(
+    scene: Scene, phrases: Sequence[str], viewpoint: Viewpoint | None, most: int, at: float | None
+) -> list[dict[str, Any]]:
+    """Answer queries for JSON. Raises as ``run``, but refuses no question."""
+    viewpoint = _viewpoint_at(scene, viewpoint, at)
+    answers = scene.reply(scene.read(phrases), most, viewpoint)
+    return [describe(scene, answer, at) for answer in answers]
+
+
+def describe(scene: Scene, answer: Answer, at: float | None = None) -> dict[str, Any]:
+    """An answer for JSON, with what was typed, how it was read, where it was ``then``, times [s], and what is told of the scene."""
+    typed = answer.question.typed if answer.question else answer.phrase
+    facts = as_json(answer) | {"typed": typed, "asked": answer.asked, "scene": str(scene.folder)}
+    for shown in filter(None, (*facts["things"], facts["moving"])):
+        shown["second"] = round(float(scene.seconds[shown["frame"]]), 2)
+    notice = notice_of_artifacts(scene.made_from.found.values())
+    facts |= {"unit": scene.unit, "origin": scene.origin, "notice": notice}
+    return facts | {"then": None if at is None else as_json(answer.at(at))}
+
+
+def _viewpoint_at(scene: Scene, viewpoint: Viewpoint | None, at: float | None) -> Viewpoint | None:
+    """The viewpoint at a time, if one is given; None for the whole scene."""
+    if at is None:
+        return viewpoint
     if viewpoint is not None and viewpoint.second is not None:
         raise UserError(f"--at: {viewpoint.name} has its own time; ask the whole scene, or a pose")
     # By the whole seconds that a user sees: 0:59.9 is at the end of a recording that ends at 0:59.

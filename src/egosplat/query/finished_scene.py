@@ -414,18 +414,13 @@ def open_artifacts(folder: Path) -> list[Artifact]:
     return [open_artifact(path, SCHEMAS[path.stem]) for path in (*paths, tiles if by_tiles else features)]
 
 
-def open_encoded(features: Path | None, tiles: Path | None) -> Artifact:
-    """Open what OpenCLIP encoded for a scene's codes (UserError: neither is given, or it cannot be opened)."""
-    if (path := features or tiles) is None:
-        raise UserError("needs the features artifact, or the tiles: give --features or --tiles")
-    return open_artifact(path, SCHEMAS["features" if features else "tiles"])
-
-
 def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:
     """Make a scene of opened artifacts that belong together: frames, poses, splats, language, features or tiles; there may be more.
 
     ``folder`` is that of the scene; None for that of the language artifact, whose bytes are known to have their digests.
     """
     given = tuple(artifacts)
+    if not any(one.schema.name in ENCODED for one in given):
+        raise UserError("needs the features artifact, or the tiles: give --features or --tiles")
     home = next(one.path.parent for one in given if one.schema.name == "language")
     return Scene(folder or home, given, lineage(given), options, checked=folder is None)

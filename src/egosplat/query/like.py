@@ -223,13 +223,11 @@ def run(
     shown = {str(path): read_picture(path) for path in pictures}
     drawn, best = [], {}
     for scene in scenes:
-        looks = Looks(scene)
         head = f"like,answer,similarity,lead,center [{scene.unit}],size [{scene.unit}],frame,last seen"
         rows = [tuple(head.split(","))]
-        for asked in (*shown, *names):
-            wanted = see(scene.clip, shown[asked]) if asked in shown else looks.called(asked, names)
-            things = looks.find(wanted, max(2, most), asked in shown)
-            rows += _rows(judge(asked, things, most), things)
+        for answer, things in ask_looks(scene, pictures, names, most):
+            asked = answer.phrase
+            rows += _rows(answer, things)
             drawn.append((shown.get(asked), scene, things[:most]))
             if things and things[0].score > best.get(asked, (0.0, ""))[0]:
                 best[asked] = things[0].score, f"{scene.folder}, last seen at {clock(things[0].last_s)}"
@@ -239,6 +237,18 @@ def run(
     with atomic_file(output) as file:
         Image.fromarray(_draw(drawn)).save(file, format="PNG")
     yield f"picture: {output}"
+
+
+def ask_looks(
+    scene: Scene, pictures: Sequence[Path], names: Mapping[str, Any], most: int
+) -> Iterator[tuple[Answer, list[Alike]]]:
+    """Answer what pictures show and what names mean; with the things compared, the most alike first. Raises as ``run``."""
+    shown = {str(path): see(scene.clip, read_picture(path)) for path in pictures}
+    looks = Looks(scene)
+    for asked in (*shown, *names):
+        wanted = shown[asked] if asked in shown else looks.called(asked, names)
+        things = looks.find(wanted, max(2, most), asked in shown)
+        yield judge(asked, things, most), things
 
 
 def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:

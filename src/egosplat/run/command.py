@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.process_guards import STARTED_BY
 from egosplat.pipeline.scenes import Scene, local_table, read_rows, scene_of_row, tables_of
 from egosplat.pipeline.stages import STAGES
-from egosplat.progress import log
+from egosplat.progress import is_hushed, log
 from egosplat.run.sources import name_of, read_source
 
 
@@ -48,7 +49,7 @@ def make_scene(
     keys = " ".join(f"{key}={value}" for key, value in {**found.options, **given}.items())
     row = {"dataset": dataset, "scene": scene_name, "format": found.format, "recording": str(found.path)}
     # Before the row changes.
-    with alone(unpacked.with_name(".running"), f"{dataset}/{scene_name}"):
+    with alone(unpacked.parent, f"{dataset}/{scene_name}"):
         scene = put_row(config, row | {"options": keys})
         stride = scene.config["frames"]["stride"]
         taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
@@ -62,25 +63,30 @@ def make_scene(
         # The inputs of the page are all that a query needs; Snakemake makes anew only what is named.
         stages = ("scene_page", *STAGES["scene_page"].inputs)
         words += ["--", *(str(scene.results / STAGES[name].output) for name in stages)]
-        log(f"Snakemake's command, to go on with: {shlex.join(words)}")
+        log(f"Snakemake plans the steps, which takes seconds; to go on with: {shlex.join(words)}")
         if run_snakemake(words):
             raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
     return scene
 
 
 def run_snakemake(words: Sequence[str]) -> int:
-    """Run Snakemake, and get its exit status. A signal that ends this process ends Snakemake and its steps first, which remove
-    their unfinished outputs; a second Ctrl-C, or ten seconds, kill them."""
+    """Run Snakemake, and get its exit status; hushed, it speaks only if it fails. A signal that ends this process ends Snakemake
+    and its steps first, which remove their unfinished outputs; a second Ctrl-C, or ten seconds, kill them."""
     # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by this process.
     for ending in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(ending) != signal.SIG_IGN:  # nohup's
             signal.signal(ending, signal.default_int_handler)
     # What a script starts in the background ignores interrupts, and with it each step would: a handler becomes the default.
-    usual, own = signal.signal(signal.SIGINT, signal.default_int_handler), {STARTED_BY: str(os.getpid())}
-    process = subprocess.Popen([sys.executable, "-m", *words], start_new_session=True, env=os.environ | own)
+    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    kept = tempfile.TemporaryFile("w+", errors="replace") if is_hushed() else None  # noqa: SIM115
+    command, own = [sys.executable, "-m", *words], os.environ | {STARTED_BY: str(os.getpid())}
+    process = subprocess.Popen(command, start_new_session=True, env=own, stdout=kept, stderr=kept)
     signal.signal(signal.SIGINT, usual)
     try:
-        return process.wait()
+        if (status := process.wait()) and kept:
+            kept.seek(0)
+            print(kept.read(), file=sys.stderr)
+        return status
     except BaseException:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGINT)

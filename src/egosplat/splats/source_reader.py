@@ -29,8 +29,8 @@ _RESTS = {0: 0, 9: 1, 24: 2, 45: 3}
 # So many Gaussians never are all alike.
 _MANY = 50
 
-# Logit that stands for an opacity of 1 or 0, which some programs write as infinite.
-_OPAQUE = 15.0
+# Logit that stands for an opacity of 1 or 0, which some programs write as infinite; largest coefficient of a color.
+_OPAQUE, _BRIGHTEST = 15.0, 1e4
 
 _SPZ_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -150,9 +150,11 @@ def _usable(gaussians: Gaussians, path: Path) -> Gaussians:
     logits = gaussians.logit_opacities.nan_to_num(float("nan"), _OPAQUE, -_OPAQUE)
     gaussians = replace(gaussians, logit_opacities=logits)
     turned, small = gaussians.quats.norm(dim=1) > 0, gaussians.scales.isfinite().all(dim=1)
-    whole = gaussians.finite() & turned
+    dim = gaussians.sh.abs().amax(dim=(1, 2)) <= _BRIGHTEST
+    whole = gaussians.finite() & turned & dim
     if lost := int((~whole).sum()):
-        why = f"{(~turned).sum()} with rot of length 0, {(~small).sum()} with scales over e^88, or not finite"
+        why = f"{(~turned).sum()} with rot of length 0, {(~small).sum()} with scales over e^88, "
+        why += f"{(~dim).sum()} with colors over {_BRIGHTEST:g}, or not finite"
         if lost == gaussians.count:
             raise UserError(f"{path}: none of {lost} Gaussians can be drawn: {why}. Export it again")
         log(f"{path}: leaves out {lost} of {gaussians.count} Gaussians: {why}")

@@ -55,16 +55,7 @@ _TRAINING = {"max_points", "max_gaussians", "sh_degree", "evaluate_every"}
 
 
 def run(
-    frames_path: Path,
-    poses_path: Path,
-    output: Path,
-    options: SplatsOptions,
-    *,
-    survey_path: Path | None = None,
-    transient_path: Path | None = None,
-    masks_path: Path | None = None,
-    instances_path: Path | None = None,
-    features_path: Path | None = None,
+    frames_path: Path, poses_path: Path, output: Path, options: SplatsOptions, **more: Path | None
 ) -> None:
     """Write the splats artifact of ``frames`` with ``poses``.
 
@@ -83,13 +74,14 @@ def run(
     if options.source is not None:
         _import(output, frames, poses, options, source_files(options.source))
         return
+    survey_path = more.get("survey_path")
     options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path, options.masking)
-    masking = open_masking(options.masking, frames, transient_path=transient_path, masks_path=masks_path)
+    masking = open_masking(options.masking, frames, more)
     language_inputs = []
     if options.language == "joint":
-        codes = (instances_path, INSTANCES), (features_path, FEATURES)
-        language_inputs = open_needed("splats.language = joint", *codes)
+        needed = [(more.get(f"{schema.name}_path"), schema) for schema in (INSTANCES, FEATURES)]
+        language_inputs = open_needed("splats.language = joint", *needed)
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
     record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
@@ -117,7 +109,7 @@ def _import(
     training = TrainingOptions.of(options, options.recipe, **options.model_dump(include=_TRAINING))
     device = training_device(options.backend)
     gaussians, source = import_gaussians(files, frames, poses, training.render, device)
-    masking = open_masking("none", frames, transient_path=None, masks_path=None)
+    masking = open_masking("none", frames, {})
     every = np.ones(frames.shape("rgb")[0], bool)
     # What the other program trained on is not known: evaluation frames are rendered, and may be among it.
     view_sets = _view_sets(frames, poses, every, masking, training)

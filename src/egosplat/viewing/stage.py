@@ -7,9 +7,9 @@ import numpy as np
 import torch
 
 from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.artifacts.lineage import open_inputs
 from egosplat.artifacts.provenance import joint_origin
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import FEATURES, FRAMES, HISTORIES, INSTANCES, LANGUAGE, POSES, SPLATS
+from egosplat.artifacts.reader import Artifact
 from egosplat.files import write_text
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, known_poses
@@ -18,6 +18,7 @@ from egosplat.histories.told import APART
 from egosplat.images import encode_webp, evenly_spaced, shrink_image
 from egosplat.progress import log
 from egosplat.query import grades
+from egosplat.query.answers import as_json
 from egosplat.query.finished_scene import Scene, scene_of
 from egosplat.query.text import PARTS, SYNONYM
 from egosplat.query.things import LEAST_GAUSSIANS, NEAREST, REACH, SAME
@@ -32,39 +33,23 @@ from egosplat.viewing.gaussians import (
 )
 from egosplat.viewing.html import Arrays, Facts, pack, record_of, scene_html
 from egosplat.viewing.options import ScenePageOptions
-from egosplat.viewing.words import carried_facts, pack_sizes, pack_words
-
-SCHEMAS = (FRAMES, POSES, INSTANCES, FEATURES, SPLATS, LANGUAGE, HISTORIES)
+from egosplat.viewing.words import pack_sizes, pack_words
 
 # Decimals of a time [s]; largest number of pictures, their longer side [px] and the quality of WebP.
 SECOND, PICTURES, SIDE, QUALITY = 2, 40, 256, 60
 
 
-def run(
-    frames_path: Path,
-    poses_path: Path,
-    instances_path: Path,
-    features_path: Path,
-    splats_path: Path,
-    language_path: Path,
-    output: Path,
-    options: ScenePageOptions,
-    *,
-    title: str,
-    histories_path: Path | None = None,
-) -> None:
+def run(*, output: Path, options: ScenePageOptions, title: str, **paths: Path | None) -> None:
     """Write the page of a scene, whole or not at all; with what is carried, and what rests, if it is known
     (UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or
     no frame has a pose)."""
-    paths = [frames_path, poses_path, instances_path, features_path, splats_path, language_path]
-    paths += [histories_path] if histories_path else []
-    text, facts = make_page(scene_of(map(open_artifact, paths, SCHEMAS), options), options, title)
+    text, facts = make_page(scene_of(open_inputs(paths).values(), options), options, title)
     write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
 
 def make_page(scene: Scene, options: ScenePageOptions, title: str) -> tuple[str, Facts]:
-    """Make the page of a scene that was opened with all of ``SCHEMAS``, the last one if it is there; with its facts."""
+    """Make the page of a scene that was opened with all inputs of the stage; with its facts."""
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
     facts |= record_of(scene.given, options)
@@ -140,7 +125,7 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
         return {}, {"carried_things": []}
 
     vectors = {"carried_vectors": histories.features.numpy().astype(np.float16)}
-    return vectors, {"carried_things": [*map(carried_facts, histories.things)]}
+    return vectors, {"carried_things": as_json(histories.things)}
 
 
 def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:

@@ -1,15 +1,13 @@
 """Put words on the page: features and answers of a list of words, and the text tower of a small OpenCLIP for any other words."""
 
-from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 import torch
 
-from egosplat.histories.told import Carried
 from egosplat.models.clip import OpenClip
 from egosplat.models.without_compiler import without_compiler
-from egosplat.query.answers import Answer
+from egosplat.query.answers import Answer, as_json
 from egosplat.query.catalog import catalog
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import NOT_ASKED
@@ -43,12 +41,12 @@ def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
     }
     return arrays | weights, {
         "words": list(words),
-        "answers": [answer_facts(answer, scene.levels) for answer in scene.answers(words)],
+        "answers": [*map(page_answer, scene.answers(words))],
         "carried": [word in CARRIED for word in words],
         "taught": sorted(clip.words) if isinstance(clip.words, frozenset) else None,
         "tower": tower,
         "reading": PATTERNS | {"plurals": WORDS["plurals"]},
-        "catalog": [answer_facts(one, scene.levels) | {"also": one.also} for one in catalog(scene)],
+        "catalog": [*map(page_answer, catalog(scene))],
     }
 
 
@@ -73,47 +71,19 @@ def ask_for_page(scene: Scene, phrase: str = "", like: str = "", name: str = "")
         looks = Looks(scene)
         own, features = (None, looks.called(key, known)) if key in known else looks.thing(instance)
         answer = judge(key or "more like this", looks.find(features, MOST, but=own))
-        return {"answers": [answer_facts(answer, scene.levels) | {"measure": "similarity"}]}
+        return {"answers": [page_answer(answer) | {"measure": "similarity"}]}
     answers = scene.ask(phrase)
     best = next((one for one in answers if one.things), answers[0])
-    told = [answer_facts(one, scene.levels) for one in answers]
+    told = [*map(page_answer, answers)]
     if best.phrase and not best.untaught and best.grade != NOT_ASKED:
         told[answers.index(best)]["vector"] = scene.encode([best.phrase]).queries[0].tolist()
     return {"answers": told}
 
 
-def answer_facts(answer: Answer, levels: Sequence[str]) -> Facts:
-    """An answer of the whole scene with the things that are shown; ``level`` is that of the best match, by its index."""
-    moving, names = answer.moving, ("score", "rating", "frame")
-    things = [
-        {name: getattr(thing, name) for name in names}
-        | {"level": levels.index(thing.level), "instance": getattr(thing, "instance", None)}
-        # What moves has no place.
-        | {one: getattr(thing, one).tolist() if len(thing.members) else None for one in ("center", "size")}
-        for thing in answer.things
-    ]
-    return {
-        "name": answer.asked,
-        "grade": answer.grade,
-        "score": answer.score,
-        "rating": None if answer.untaught else answer.rating,
-        "why": answer.refusal,
-        "level": levels.index(answer.candidates[0].level) if answer.candidates else None,
-        "things": things,
-        "moving": moving and {name: getattr(moving, name) for name in ("rating", "frame", "spans")},
-        "history": carried_facts(answer.history),
-    }
-
-
-def carried_facts(carries: Iterable[Carried]) -> list[Facts]:
-    """When a thing is carried, and from where to where."""
-
-    def facts(one: Carried) -> Facts:
-        start, end = (place.tolist() if np.isfinite(place).all() else None for place in (one.start, one.end))
-        told = {"from": one.from_s, "until": one.until_s, "start": start, "end": end}
-        return told | {"size": one.size, "certain": one.certain}
-
-    return [*map(facts, carries)]
+def page_answer(answer: Answer) -> Facts:
+    """An answer of the whole scene as ``source/answer.js`` reads it; ``level`` is that of the best match."""
+    best = next(iter(answer.candidates), None)
+    return as_json(answer) | {"asked": answer.asked, "level": best and best.level}
 
 
 def _tower(clip: OpenClip) -> tuple[Arrays, Facts | None]:

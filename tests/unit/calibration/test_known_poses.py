@@ -79,7 +79,8 @@ def test_points_of_other_programs_have_colors_or_are_named(tmp_path, capsys, kin
     text, path = POINTS.format(head, row), tmp_path / "p.ply"
     path.write_text(text, encoding="utf-8")
     assert read_points(path)[1].tolist() == [[255, 10, 0]] and not capsys.readouterr().err
-    path.write_text(text.replace(f" {names[2]}\n", " gray\n"), encoding="utf-8")
+    gray = text.replace(row, "3e38 10 0") if kind == "double" else text.replace(f" {names[2]}\n", " gray\n")
+    path.write_text(gray, encoding="utf-8")
     assert read_points(path)[1].tolist() == [[128] * 3] and "and are gray" in capsys.readouterr().err
     beyond = [text.replace("255", "256"), text.replace("255", "-1")] if kind == "uchar" else []
     for wrong in (*beyond, text.replace("vertex 1", "vertex -1"), text.replace(row, "x 10 0")):

@@ -187,7 +187,7 @@ def test_masks_of_frames_are_read(folder, suffix):
     np.testing.assert_array_equal(shown_pixels(frames, 2, valid), shown[2])
     np.testing.assert_array_equal(frames.row("rgb", 1)[valid], picture()[valid])
     assert not frames.row("rgb", 1)[~valid].any()
-    masking = open_masking("none", frames, transient_path=None, masks_path=None)
+    masking = open_masking("none", frames, {})
     np.testing.assert_array_equal(masking.frames(np.array([3, 1]))[1].numpy(), valid & ~shown[1])
 
 

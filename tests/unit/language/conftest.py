@@ -126,7 +126,7 @@ def prepared(scene, unrefined, wall):
         targets = CodeTargets(instances, features, torch.device("cpu"))
         masking = Masking(None, "")
         if masked:
-            masking = open_masking("refined", frames, transient_path=None, masks_path=folder / "masks.zarr")
+            masking = open_masking("refined", frames, {"masks_path": folder / "masks.zarr"})
         return select_code_views(frames, poses, unrefined, targets.of, masking, gaussians, SETTINGS), targets
 
     return make

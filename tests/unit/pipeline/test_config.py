@@ -37,13 +37,17 @@ def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(
     about, named = STAGES[stage], inspect.signature(import_module(STAGES[stage].module).run).parameters
     chunks = {"chunk": None, "gather": ()} if about.by_chunks else {}
     assert chunks == {name: named[name].default for name in ("chunk", "gather") if name in named}
-    arguments = {name: argument for name, argument in named.items() if name not in chunks}
+    others = {
+        name for name, one in named.items() if one.kind == inspect.Parameter.VAR_KEYWORD
+    }  # opened by name
+    arguments = {name: one for name, one in named.items() if name not in {*chunks, *others}}
     options = config.stage_options(stage)
     if stage.endswith("_sheet") and "title" not in named:  # the decorator ``sheet`` opens the artifacts
         assert [*named] == [*about.inputs] and about.scene == ("title",) and options is None
         return
     paths = {name if name == "output" else f"{name}_path" for name in path_help(about)}
-    assert set(arguments) == {*paths, *about.scene, *(("options",) if options else ())}
+    told = {*paths, *about.scene, *(("options",) if options else ())}
+    assert set(arguments) <= told and (others or set(arguments) == told)
     assert options is None or arguments["options"].annotation is options
     for name, argument in arguments.items():
         # A real recording has no seed, for example.

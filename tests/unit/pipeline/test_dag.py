@@ -24,6 +24,7 @@ from egosplat.pipeline.variants import reaches
 
 BASE = defaults()
 METHODS = section_keys("language")["method"]["enum"]
+MASKINGS = section_keys("splats")["masking"]["enum"]
 OFF = {"camera": {"refine_poses": "off", "compensate_exposure": "off"}}
 EVERY_FRAME = merge(BASE, {"survey": {"min_view_change_deg": 0}} | OFF)
 
@@ -39,73 +40,54 @@ def survey(masking: str, frames: int = 4) -> dict[str, dict]:
 
 
 @pytest.mark.parametrize(
-    "stage, keys, inputs",
+    "stage, keys, more",
     [
-        ("splats", "", "frames poses masks survey"),
-        ("splats", "splats.masking=none", "frames poses"),
-        ("splats", "splats.masking=initial", "frames poses transient"),
-        ("splats", "splats.masking=refined splats.language=joint", "frames poses masks instances features"),
-        ("splats", "splats.masking=none survey.min_view_change_deg=3", "frames poses survey"),
-        ("splats", "splats.masking=none camera.refine_poses=auto", "frames poses survey"),
-        ("splats", "splats.source=a.ply", "frames poses survey"),
-        ("language", "splats.masking=none", "frames poses splats instances features"),
-        ("language", "splats.masking=initial", "frames poses splats transient instances features"),
-        ("language", "splats.masking=refined", "frames poses splats masks instances features"),
-        ("language", "splats.source=a.ply", "frames poses splats masks instances features survey"),
-        ("language", "splats.masking=none language.method=field", "frames poses splats tiles"),
+        ("splats", "", "masks survey"),
+        ("splats", "splats.masking=none", ""),
+        ("splats", "splats.masking=initial", "transient"),
+        ("splats", "splats.masking=refined splats.language=joint", "masks instances features"),
+        ("splats", "splats.masking=none survey.min_view_change_deg=3", "survey"),
+        ("splats", "splats.masking=none camera.refine_poses=auto", "survey"),
+        ("splats", "splats.source=a.ply", "survey"),
+        ("language", "splats.masking=none", "instances features"),
+        ("language", "splats.masking=initial", "transient instances features"),
+        ("language", "splats.masking=refined", "masks instances features"),
+        ("language", "splats.source=a.ply", "masks instances features survey"),
+        ("language", "splats.masking=none language.method=field", "tiles"),
         # Joint training has its own codes.
-        (
-            "language",
-            "splats.masking=none splats.language=joint language.method=field",
-            "frames poses splats instances features",
-        ),
-        (
-            "language",
-            "splats.masking=none survey.min_view_change_deg=3",
-            "frames poses splats survey instances features",
-        ),
-        # The same for every splats.masking: variants share the segments.
-        ("segments", "", "frames poses transient survey"),
-        ("segments", "splats.masking=none", "frames poses transient survey"),
-        ("segments", "splats.masking=initial", "frames poses transient survey"),
-        ("segments", "splats.masking=refined", "frames poses transient survey"),
-        ("segments", "segments.track_moving=always", "frames poses transient"),
-        ("segments", "segments.track_moving=never", "frames poses"),
-        ("segments", "segments.track_moving=always segments.prompting=initial_frame", "frames"),
-        ("segments", "segments.segmenter=classical", "frames"),
-        ("segments", "segments.segmenter=classical survey.min_view_change_deg=3", "frames survey"),
-        ("transient", "", "frames poses"),
-        ("transient", "camera.refine_poses=auto", "frames poses survey"),
-        ("transient", "survey.min_view_change_deg=3", "frames poses survey"),
-        ("masks", "camera.refine_poses=auto", "frames transient instances"),
-        ("instances", "", "frames poses segments survey"),
-        ("instances", "splats.masking=none", "frames poses segments survey"),
-        ("instances", "splats.masking=none segments.track_moving=never", "frames poses segments splats"),
-        ("instances", "segments.prompting=initial_frame", "frames poses segments"),
-        (
-            "instances",
-            "segments.prompting=initial_frame camera.refine_poses=auto",
-            "frames poses segments survey",
-        ),
-        ("instances", "instances.source=tracks", "frames poses segments"),
-        ("instances", "splats.source=a.ply", "frames poses segments splats survey"),
-        ("metrics", "", "frames poses annotations splats language histories features survey"),
-        (
-            "metrics",
-            "segments.track_moving=always",
-            "frames poses annotations splats language histories features",
-        ),
-        ("metrics", "segments.track_moving=never", "frames poses annotations splats language features"),
-        ("metrics", "language.method=center", "frames poses annotations splats language features"),
-        ("metrics", "language.method=field", "frames poses annotations splats language tiles"),
-        ("queries_sheet", "", "frames poses annotations splats language metrics histories features survey"),
-        ("queries_sheet", "language.method=field", "frames poses annotations splats language metrics tiles"),
-        ("scene_page", "", "frames poses instances features splats language histories survey"),
+        ("language", "splats.masking=none splats.language=joint language.method=field", "instances features"),
+        ("language", "splats.masking=none survey.min_view_change_deg=3", "survey instances features"),
+        # Variants share the segments.
+        *(("segments", f"splats.masking={one}", "poses transient survey") for one in MASKINGS),
+        ("segments", "segments.track_moving=always", "poses transient"),
+        ("segments", "segments.track_moving=never", "poses"),
+        ("segments", "segments.track_moving=always segments.prompting=initial_frame", ""),
+        ("segments", "segments.segmenter=classical", ""),
+        ("segments", "segments.segmenter=classical survey.min_view_change_deg=3", "survey"),
+        ("transient", "", ""),
+        ("transient", "camera.refine_poses=auto", "survey"),
+        ("transient", "survey.min_view_change_deg=3", "survey"),
+        ("masks", "camera.refine_poses=auto", ""),
+        ("instances", "", "survey"),
+        ("instances", "splats.masking=none", "survey"),
+        ("instances", "splats.masking=none segments.track_moving=never", "splats"),
+        ("instances", "segments.prompting=initial_frame", ""),
+        ("instances", "segments.prompting=initial_frame camera.refine_poses=auto", "survey"),
+        ("instances", "instances.source=tracks", ""),
+        ("instances", "splats.source=a.ply", "splats survey"),
+        ("metrics", "", "histories features survey"),
+        ("metrics", "segments.track_moving=always", "histories features"),
+        ("metrics", "segments.track_moving=never", "features"),
+        ("metrics", "language.method=center", "features"),
+        ("metrics", "language.method=field", "tiles"),
+        ("queries_sheet", "", "histories features survey"),
+        ("queries_sheet", "language.method=field", "tiles"),
+        ("scene_page", "", "histories survey"),
     ],
 )
-def test_a_stage_reads_what_its_keys_need_and_waits_for_the_survey_where_it_decides(stage, keys, inputs):
+def test_a_stage_reads_what_its_keys_need_and_waits_for_the_survey_where_it_decides(stage, keys, more):
     config = merge(EVERY_FRAME, parse_options(keys, "keys"))
-    assert inputs_of(stage, config) == (*inputs.split(),)
+    assert inputs_of(stage, config) == (*STAGES[stage].inputs, *more.split())
     assert not reaches("metrics", config, config), "the graph has no cycle"
 
 

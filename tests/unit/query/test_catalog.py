@@ -59,8 +59,9 @@ def test_the_table_and_its_files_tell_of_each_thing(page_scene, tmp_path, run_co
     np.testing.assert_allclose(rows[["x", "y", "z"]].to_numpy()[:3], centers, atol=1e-4)
     assert rows.carried[3] == carried.history[0].told and rows.size_x.isna().tolist() == [False] * 3 + [True]
     assert call("--output", tmp_path / "x.json")[0] == call("--output", tmp_path / "x")[0] == 0
-    names = [one["name"] for one in json.loads((tmp_path / "x.json").read_text())]
-    assert names == [*rows.name] and (tmp_path / "x/things.csv").is_file()
+    document = json.loads((tmp_path / "x.json").read_text())
+    assert document == json.loads(call("--json")[1])
+    assert [one["phrase"] for one in document] == [*rows.name] and (tmp_path / "x/things.csv").is_file()
     clouds = sorted(len(trimesh.load(path).vertices) for path in (tmp_path / "x").glob("*.ply"))
     assert clouds == sorted(len(answer.things[0].members) for answer in (cup, couch, wall))
     for name in ("x.txt", "x.csv", "x"):

@@ -100,6 +100,16 @@ def test_a_question_has_a_sentence_and_what_cannot_be_asked_stops_no_other(word_
     assert "1 of 1 questions" in query(folder, "what is on the cup", "--frame", 1, "--overwrite")[2]
 
 
+def test_json_tells_what_print_shows_of_each_answer_and_nothing_else_is_printed(word_scene, query):
+    status, out, err = query(folder := word_scene(), "where is my cup?", "zeppelin", " ", "--json", "--quiet")
+    assert (status, err) == (0, "") and not (folder / "query.png").exists()
+    cup, zeppelin, blank = json.loads(out)
+    [answer] = open_scene(folder, device="cpu").ask(cup["typed"])
+    assert (cup["asked"], cup["grade"], cup["things"][0]["second"]) == ("cup", "found", 0.0)
+    assert cup["things"][0]["center"] == answer.things[0].center.tolist() and len(repr(answer)) < 20 * 80
+    assert zeppelin["untaught"] == ["zeppelin"] and blank["grade"] == "not asked"
+
+
 def test_what_is_not_there_is_rejected(word_scene, query):
     status, out, err = query(word_scene(), "basketball", "spaceship", "couch", "--set", "min_score=0.65")
     assert status == 0, err

@@ -54,6 +54,7 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
     assert list(json.loads((scene / "names.json").read_text())) == ["my mug", "sofa"]
     for words, folder in (((), scene), (("--names", scene), other)):
         _, out, err = run_command("query", folder, "my mug", "couch", *words, "--overwrite")
+        assert run_command("query", folder, "my mug", "couch", *words, "--json")[1].count(': "found"') == 2
         assert "my mug  found   1.00" in out and "\ncouch" in out and (folder / "query_like.png").exists(), (
             err
         )

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from egosplat.cli import cli
-from egosplat.cli.scenes import spread
+from egosplat.cli import cli, scenes
 from egosplat.errors import UserError
 from egosplat.files import alone
 from egosplat.pipeline.home import CONFIG, find_home, make_command
@@ -20,19 +19,6 @@ from egosplat.run import command
 from egosplat.run.command import make_scene
 from tests.support import ROOT
 from tests.unit.run.conftest import write_pictures
-
-
-@pytest.mark.parametrize(
-    "given, meant",
-    [
-        ("a --words couch cup", "a --words couch --words cup"),
-        ("a --words couch cup --open", "a --words couch --words cup --open"),
-        *((same, same) for same in ("a --words couch --words cup --cores 2", "a --words=couch --open")),
-        *((same, same) for same in ("a --words --open", "a --words", "a")),
-    ],
-)
-def test_words_are_all_up_to_the_next_option(given, meant):
-    assert spread(given.split()) == meant.split()
 
 
 @pytest.fixture
@@ -53,7 +39,7 @@ def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
     names = ("scene.html", *(f"{name}.zarr" for name in STAGES["scene_page"].inputs))
     assert words[5:] == ["--config", "preset=draft", "--", *(f"results/mine/photos/{name}" for name in names)]
     assert scene.config["frames"]["stride"] == 2
-    with alone(scene.results / ".running", "a scene"), pytest.raises(UserError, match=f"kill {os.getpid()}"):
+    with alone(scene.results, "a scene"), pytest.raises(UserError, match=f"kill {os.getpid()}"):
         make_scene(tmp_path / "photos")
     assert [str(path) for path in Path(".").rglob("*") if path.is_file()] == ["config/scenes.local.tsv"]
 
@@ -76,23 +62,28 @@ def test_the_project_of_another_workflow_is_left_alone(calls, tmp_path, place):
     assert make_command(Path("results/mine/photos/scene.html")).startswith("snakemake --snakefile ")
 
 
-@pytest.mark.parametrize("pair", ["frames.stride", "frames.stride=2 frames.end_s=3"])
-def test_a_word_that_is_no_key_with_its_value_is_refused(calls, tmp_path, pair):
-    with pytest.raises(UserError, match="--set frames.stride"):
-        make_scene(tmp_path / "photos", options=(pair,))
-    assert not calls
+def test_a_hushed_run_tells_what_was_said_only_if_it_fails(tmp_path, monkeypatch, capsys):
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(command, "is_hushed", lambda: True)
+    for status in (0, 1):
+        (tmp_path / "pretended.py").write_text(f"print('said'); raise SystemExit({status})")
+        found = command.run_snakemake(["pretended"]), capsys.readouterr().err
+        assert found == (status, "said\n\n" * status)
 
 
-def test_what_to_ask_is_told_and_the_scene_is_opened_in_the_browser(calls, tmp_path, monkeypatch):
-    shown = []
+def test_what_to_ask_is_told_and_asked_and_the_browser_opens(calls, tmp_path, monkeypatch, run_command):
+    shown, asked = [], []
     monkeypatch.setattr("egosplat.viewing.command.run", lambda *given, **keys: shown.append((given[0], keys)))
     run = ["run", str(tmp_path / "photos"), "--name", "home/hall"]
-    told = CliRunner().invoke(cli, run).output
+    told = run_command(*run)[2]
     assert "egosplat query results/home/hall " in told and "egosplat view results/home/hall" in told
-    assert " MB; results/home/hall/scene.html" in told
+    assert " MB; " in told and "results/home/hall/scene.html; logs: logs/home/hall\n" in told
+    monkeypatch.setattr(scenes.query, "callback", lambda folder, words, options: asked.extend(words))
+    assert run_command(*run, "--cores", 2, "--words", "couch", "cup")[0] == 0 and asked == ["couch", "cup"]
+    assert [run_command(*run, *one)[0] for one in (["--words"], ["couch"], ["--words", " "])] == [2, 2, 2]
+    assert run_command(*run, "--quiet") == (0, "", "")
     assert "'query'" in CliRunner().invoke(cli, ["qurey"]).output
-    assert not shown
-    assert CliRunner().invoke(cli, [*run, "--open"]).exit_code == 0
+    assert not shown and CliRunner().invoke(cli, [*run, "--open"]).exit_code == 0
     assert shown == [(Path("results/home/hall"), {"browse": True})]
 
 
@@ -135,7 +126,10 @@ def test_snakemake_ends_first_and_once(tmp_path, ending, way):
 
 
 def test_a_trained_splat_becomes_a_key_of_the_scene(calls, tmp_path):
-    """A file that is missing or has a space, which no row can hold, is named."""
+    """A file that is missing or has a space, which no row can hold, is named, and so is what is no key with its value."""
+    for pair in ("frames.stride", "frames.stride=2 frames.end_s=3"):
+        with pytest.raises(UserError, match="--set frames.stride"):
+            make_scene(tmp_path / "photos", options=(pair,))
     (tmp_path / "scene.ply").touch()
     (tmp_path / "my scene.ply").touch()
     for name, status in (("scene.ply", 0), ("my scene.ply", 2), ("absent.ply", 2)):

@@ -37,12 +37,15 @@ def test_a_row_is_read_beside_the_table_and_without_it(put, tmp_path):
     assert [*read_scenes(defaults())] == [("adt", "scene1"), ("mine", "kitchen")]
 
 
-def test_the_same_recording_keeps_one_row_with_the_last_keys(put, tmp_path):
+def test_the_same_recording_keeps_one_row_with_the_last_keys_and_a_wrong_row_of_another_stays(put, tmp_path):
     put()
+    wrong = ["old", "plain", "x.mp4", "frames.gone=1"]
+    (tmp_path / "config/scenes.local.tsv").write_text(table(tmp_path) + "\t".join(["mine", *wrong]) + "\n")
     put("b.mp4", name="hall")
     put(options="frames.stride=3")
     rows = [line.split("\t")[1:] for line in table(tmp_path).splitlines()[1:]]
     assert rows == [
+        wrong,
         ["hall", "plain", str(tmp_path / "b.mp4"), ""],
         ["kitchen", "plain", str(tmp_path / "a.mp4"), "frames.stride=3"],
     ]
@@ -77,11 +80,3 @@ def test_wrong_names_and_keys_are_named_and_write_nothing(put, tmp_path, name, o
     with pytest.raises(UserError, match=said):
         put(name=name, options=options)
     assert not (tmp_path / "config").exists()
-
-
-def test_a_wrong_row_of_another_scene_is_left_alone(put, tmp_path):
-    put()
-    path = tmp_path / "config/scenes.local.tsv"
-    path.write_text(path.read_text() + "mine\told\tplain\tx.mp4\tframes.gone=1\n")
-    put("b.mp4", name="hall")
-    assert "frames.gone=1" in path.read_text()

@@ -47,15 +47,15 @@ def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
     for word, answer, page in zip(words, judged, baked, strict=True):
         frames = [thing.frame for thing in answer.things]
         assert terminal[word] == (answer.grade, frames), word
-        assert (page["grade"], page["why"]) == (answer.grade, answer.refusal), word
-        rated = [(thing.frame, thing.rating) for thing in answer.things]
-        assert [(one["frame"], one["rating"]) for one in page["things"]] == rated
+        assert (page["grade"], page["refusal"]) == (answer.grade, answer.refusal), word
+        rated = [(thing.frame, thing.score, thing.probability) for thing in answer.things]
+        assert [tuple(map(one.get, ("frame", "score", "probability"))) for one in page["things"]] == rated
         assert served(phrase=word.upper()) == {"answers": [page]}
         [reply] = served(phrase=f"the {word}")["answers"]
-        assert (reply["grade"], reply["why"]) == (page["grade"], page["why"]), word
+        assert (reply["grade"], reply["refusal"]) == (page["grade"], page["refusal"]), word
         assert [one["frame"] for one in reply["things"]] == frames
         # Words that are asked together round differently.
-        assert reply["rating"] == pytest.approx(page["rating"], abs=1e-4)
+        assert reply["probability"] == pytest.approx(page["probability"], abs=1e-4)
         boxes = rerun_recording._boxes(SimpleNamespace(Boxes3D=dict), answer)
         np.testing.assert_array_equal(boxes["centers"], [thing.center for thing in answer.things])
         if answer.refusal:
@@ -72,5 +72,5 @@ def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
     ):
         asked = scene.ask(phrase)
         for one, reply in zip(asked, served(phrase=phrase)["answers"], strict=True):
-            assert (reply["name"], reply["grade"], reply["why"]) == (one.asked, one.grade, one.refusal)
-            assert [thing["rating"] for thing in reply["things"]] == [thing.rating for thing in one.things]
+            assert (reply["asked"], reply["grade"], reply["refusal"]) == (one.asked, one.grade, one.refusal)
+            assert [thing["score"] for thing in reply["things"]] == [thing.score for thing in one.things]

@@ -166,7 +166,7 @@ def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, page_sc
 def test_a_question_is_answered_with_a_vector_or_a_reason(page_scene):
     _, answer = open_page(page_scene, PageOptions(device="cpu"))
     [red] = answer(phrase="where is my red couch?")["answers"]
-    assert sum(value * value for value in red["vector"]) == pytest.approx(1) and red["name"] == "red couch"
+    assert sum(value * value for value in red["vector"]) == pytest.approx(1) and red["asked"] == "red couch"
     for phrase, why in {
         "coutch": 'mean "couch"?',
         "zeppelin": "zeppelin",
@@ -174,5 +174,5 @@ def test_a_question_is_answered_with_a_vector_or_a_reason(page_scene):
         "::": "no word",
     }.items():
         [told] = answer(phrase=phrase)["answers"]
-        assert why in told["why"] and "vector" not in told and not told["things"]
+        assert why in told["refusal"] and "vector" not in told and not told["things"]
     assert "no picture" in answer(like="7")["why"] or "view_features" in answer(like="7")["why"]

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from egosplat.alarms.artifact_alarms import warning_lines
 from egosplat.alarms.table import Alarm
 from egosplat.artifacts.consistency import check_inputs
-from egosplat.artifacts.lineage import open_histories
+from egosplat.artifacts.lineage import open_histories, open_inputs
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import ANNOTATIONS, HISTORIES
+from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.drawing import (
     HIT,
     MISS,
@@ -36,7 +36,7 @@ from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, r
 from egosplat.evaluation.scores import CHANCE, ask_of, bounding_boxes
 from egosplat.pipeline.validation import read_document
 from egosplat.query.answers import ViewMatch
-from egosplat.query.finished_scene import Scene, open_artifacts, open_encoded, scene_of
+from egosplat.query.finished_scene import Scene, open_artifacts, scene_of
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -72,30 +72,14 @@ class ShownQuery:
     answer: ViewMatch
 
 
-def run(
-    frames_path: Path,
-    poses_path: Path,
-    annotations_path: Path,
-    splats_path: Path,
-    language_path: Path,
-    metrics_path: Path,
-    output: Path,
-    *,
-    title: str,
-    features_path: Path | None = None,
-    tiles_path: Path | None = None,
-    histories_path: Path | None = None,
-) -> None:
+def run(*, metrics_path: Path, output: Path, title: str, **paths: Path | None) -> None:
     """Draw the page as PNG, whole or not at all, with the options and the scores of ``metrics.json``.
 
-    ``histories_path`` is required if the scores are of frames at their own time. UserError: the inputs do not belong
+    Histories are required if the scores are of frames at their own time. UserError: the inputs do not belong
     together, or the features' OpenCLIP is missing.
     """
     document = read_document(metrics_path, "metrics")
-    paths = (frames_path, poses_path, annotations_path, splats_path, language_path)
-    artifacts = [*map(open_artifact, paths, SCORED), open_encoded(features_path, tiles_path)]
-    artifacts += [] if histories_path is None else [open_artifact(histories_path, HISTORIES)]
-    scene = scene_of(artifacts, scoring_options(document))
+    scene = scene_of(open_inputs(paths).values(), scoring_options(document))
     blocks = best_and_worst(scored_queries(document), ROWS)
     asked = ask_again([*blocks[0], *blocks[1]], scene, document, metrics_path)
     shown = {query.scored: query for query in asked}

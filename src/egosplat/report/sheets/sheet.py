@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from egosplat.alarms.artifact_alarms import warnings_of
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.reader import Artifact, open_artifact
-from egosplat.artifacts.schemas import SCHEMAS
+from egosplat.artifacts.lineage import open_inputs
+from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import draw_heading, save_figure
 
 # Draws artifacts; returns the figure and a summary for its heading.
@@ -35,8 +35,7 @@ def sheet(*warned: str, fontsize: int = 12) -> Callable[[Draw], Callable[..., No
     def decorate(draw: Draw) -> Callable[..., None]:
         @functools.wraps(draw)
         def run(*, output: Path, title: str, **paths: Path) -> None:
-            names = [name.removesuffix("_path") for name in paths]
-            opened = {name: open_artifact(paths[f"{name}_path"], SCHEMAS[name]) for name in names}
+            opened = open_inputs(paths)
             for artifact in opened.values():
                 check_made_from(artifact, *(other for other in opened.values() if other is not artifact))
             figure, summary = draw(**opened)

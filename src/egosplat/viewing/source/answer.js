@@ -335,6 +335,18 @@ async function answerName(scene, tower, neighbors, name) {
   return { ...judge(scene, await neighbors, relevancy), name, vector, relevancy, history: historyOf(scene, phrase, vector) };
 }
 
+// An answer as Python has it, in the terms of the page: levels by number, and what it is graded by.
+function readAnswer({ levels }, { asked, refusal, untaught, level, things, history, ...rest }) {
+  const rated = (one) => ({ ...one, rating: one.probability ?? one.score });
+  return {
+    ...rated(rest), ...(untaught.length ? { rating: null } : {}), name: asked, why: refusal, history: readHistory(history),
+    level: level === null ? null : levels.indexOf(level),
+    things: things.map((thing) => ({ ...rated(thing), level: levels.indexOf(thing.level) })),
+  };
+}
+
+const readHistory = (history) => history.map(({ from_s, until_s, ...rest }) => ({ ...rest, from: from_s, until: until_s }));
+
 const refused = (name, why) => ({ name, why, grade: "not asked", things: [], history: [] });
 
 // What answers a text of which the page alone cannot.
@@ -378,7 +390,7 @@ async function askServer(scene, address, asked) {
   try {
     const reply = await fetch(address + new URLSearchParams(asked), { method: "name" in asked ? "POST" : "GET" });
     const { why, answers } = await reply.json();
-    return why ? [refused(name, why)] : answers.map((answer) => ({ ...answer, vector: vectorOf(answer) }));
+    return why ? [refused(name, why)] : answers.map((answer) => readAnswer(scene.facts, answer)).map((answer) => ({ ...answer, vector: vectorOf(answer) }));
   } catch {
     return [refused(name, "egosplat view, which answers here, does not: is it still running?")];
   }

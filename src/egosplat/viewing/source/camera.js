@@ -24,6 +24,10 @@ class SceneCamera {
     [this.right, this.down, this.forward, this.eye] = [0, 1, 2, 3].map(column);
   }
 
+  pose() {
+    return [0, 1, 2].flatMap((row) => [this.right[row], this.down[row], this.forward[row], this.eye[row]]);
+  }
+
   // Look along a direction with a level horizon.
   setForward(direction) {
     this.forward = unit(direction);

@@ -26,6 +26,30 @@ class Page {
     this.cameras = new Cameras($("cameras-view"), scene, this.urls, () => this.placeMarks());
     this.listen();
     this.showFrame(Math.max(0, facts.frames.indexOf(mostSeen(scene.views))));
+    this.readAddress();
+    window.addEventListener("hashchange", () => this.readAddress());
+  }
+
+  // Show the view and ask the words that the address holds behind its #.
+  readAddress() {
+    const told = new URLSearchParams(location.hash.slice(1)), asked = told.get("ask");
+    const view = (told.get("view") ?? "").split(",").map(Number);
+    if (view.length === 12 && view.every(Number.isFinite)) this.setView(view);
+    if (asked) ($("words").value = asked), this.ask(asked);
+  }
+
+  // Put them there a while after the last change, so that the address can be sent: browsers refuse many changes a second.
+  keepAddress() {
+    clearTimeout(this.keeping);
+    this.keeping = setTimeout(() => {
+      const view = this.camera.pose().map((value) => Number(value.toFixed(4))).join(",");
+      const told = new URLSearchParams({ ...(this.asked ? { ask: this.asked } : {}), view });
+      try {
+        history.replaceState(null, "", `#${told}`);
+      } catch {
+        // A page inside of another one has no address of its own.
+      }
+    }, 400);
   }
 
   findNeighbors(source) {
@@ -95,7 +119,7 @@ class Page {
     this.canvas.addEventListener("pointermove", ({ clientX, clientY, buttons }) => {
       if (!buttons) this.canvas.classList.toggle("over-camera", this.cameraAt(clientX, clientY) !== null);
     });
-    $("clear").onclick = () => this.clear();
+    $("clear").onclick = () => ((this.asked = ""), this.clear());
     $("frame").oninput = () => (this.stop(), this.showFrame(Number($("frame").value), true));
     $("play").onclick = () => (this.playing ? this.stop() : this.play());
     $("fold").onclick = () => {
@@ -176,6 +200,7 @@ class Page {
       this.draw(this.moving ? this.share : 1);
     }
     this.drawing = false;
+    this.keepAddress();
   }
 
   draw(share) {
@@ -219,6 +244,7 @@ class Page {
   // The best answer to a phrase, with all.
   async ask(phrase) {
     const typed = cleanPhrase(phrase), { asking } = document.documentElement.dataset;
+    this.asked = typed;
     if (!typed) return this.answer(typed, [refused("", "Type the name of a thing.")]);
     if (asking && typed.length <= LONGEST) return this.answer(typed, askServer(this.scene, asking, { phrase: typed }));
     return this.answer(typed, answerAlone(this.scene, this.tower, this.neighbors, typed));

@@ -22,12 +22,13 @@ function buildScene({ facts, arrays }) {
     channels: arrays.palette.shape[2],
     wordVectors: split(values("word_vectors"), facts.words.length, arrays.word_vectors.shape[1]),
     canonical: split(values("canonical_vectors"), ...arrays.canonical_vectors.shape),
-    carriedThings: facts.carried_things,
+    carriedThings: facts.carried_things.map(readHistory),
     carriedVectors: arrays.carried_vectors ? split(values("carried_vectors"), ...arrays.carried_vectors.shape) : [],
     poses: values("poses"),
     pictures: values("pictures"),
     arrays,
   };
+  for (const name of ["answers", "catalog"]) facts[name] = facts[name].map((answer) => readAnswer(facts, answer));
   for (let index = 0; index < drawn; index++) scene.opacities[index] = values("opacity")[index] / 255;
   shapes(scene, values("log_scale"), values("rotation"));
   seenShares(scene, values("visible"), values("seen"), values("seen_share"));
