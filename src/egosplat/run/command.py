@@ -16,6 +16,8 @@ from egosplat.calibration.files import AUTO
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import alone, read_user_text, write_text
+from egosplat.models.checkpoints import FETCH
+from egosplat.models.needed import find_needed
 from egosplat.pipeline.config import LayeredConfig
 from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.process_guards import STARTED_BY
@@ -35,7 +37,7 @@ def make_scene(
     """Write the row of a recording, a file or folder, with the keys ``options``, and run the workflow to the scene's page.
 
     None is for the name of the source, the preset of the configuration, and all processors. UserError: the source is no
-    recording, the name is taken, a key is wrong, a step failed, or another process makes the scene.
+    recording, the name is taken, a key is wrong, weights are missing, a step failed, or another process makes the scene.
     """
     settings = [f"preset={preset}"] if preset else []
     config, _ = read_configuration([], settings)
@@ -51,6 +53,7 @@ def make_scene(
     # Before the row changes.
     with alone(unpacked.parent, f"{dataset}/{scene_name}"):
         scene = put_row(config, row | {"options": keys})
+        _check_models(scene)
         stride = scene.config["frames"]["stride"]
         taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
         log(f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}")
@@ -67,6 +70,13 @@ def make_scene(
         if run_snakemake(words):
             raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
     return scene
+
+
+def _check_models(scene: Scene) -> None:
+    """Raise UserError for missing weights, which their step would tell only after those before it."""
+    for file in find_needed([scene.config]):
+        if file.missing:
+            raise UserError(f"{scene.name}: {file.key}: there is no file {file.path}.\n{FETCH}")
 
 
 def run_snakemake(words: Sequence[str]) -> int:

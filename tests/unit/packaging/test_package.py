@@ -119,7 +119,7 @@ def test_the_wheel_holds_the_package_and_the_workflow(wheel):
     assert re.search(r"-py3-none-linux_\w+\.whl$", wheel.name)
 
 
-def test_both_distributions_hold_the_licenses(sdist, wheel):
+def test_both_distributions_hold_the_licenses_and_links_open_anywhere(sdist, wheel):
     with tarfile.open(sdist) as archive:
         source = {name.partition("/")[2] for name in archive.getnames()}
     licenses = {path.name for path in [*ROOT.glob("LICENSE*"), *ROOT.glob("NOTICE*")]}
@@ -127,6 +127,8 @@ def test_both_distributions_hold_the_licenses(sdist, wheel):
     assert not {name.partition("/")[0] for name in source} & set(LEFT_OUT)
     inside = zipfile.ZipFile(wheel).namelist()
     assert licenses == {name.partition("/licenses/")[2] for name in inside if "/licenses/" in name}
+    (about,) = [name for name in inside if name.endswith("/METADATA")]
+    assert not re.search(r"\]\((?!https:)", zipfile.ZipFile(wheel).read(about).decode())
 
 
 def test_an_empty_folder_is_enough(installed, tmp_path):

@@ -44,6 +44,12 @@ def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
     assert [str(path) for path in Path(".").rglob("*") if path.is_file()] == ["config/scenes.local.tsv"]
 
 
+def test_missing_weights_are_told_before_the_first_step(calls, tmp_path):
+    with pytest.raises(UserError, match="models.sam2_checkpoint.*\n.*egosplat models download"):
+        make_scene(tmp_path / "photos", options=("models.set=published",))
+    assert not calls
+
+
 def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
     Path("workflow").mkdir()
     shutil.copy(ROOT / "workflow/Snakefile", "workflow")
