@@ -42,7 +42,7 @@ class Training:
 
     def iterate(self) -> None:
         """One iteration."""
-        train.iterate(self.state, self.views, _OPTIONS, _NO_DENSITY_CONTROL)
+        train.iterate(self.state, self.views, _NO_DENSITY_CONTROL)
 
 
 def sample_iteration(scene: str, threads: int) -> Sample:

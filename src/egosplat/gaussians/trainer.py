@@ -50,6 +50,7 @@ class TrainingState:
 
     Attributes:
         gaussians: leaves, attached to ``optimizer``.
+        options: of the training.
         corrections: of the training views; None if neither poses nor exposure are corrected.
         order: remaining views of this epoch, the next one last.
         seconds: training time so far.
@@ -66,7 +67,7 @@ class TrainingState:
         corrections: Corrections | None = None,
     ) -> None:
         """Create the state before the first iteration; ``start`` is not copied, ``extent`` is that of the scene [m]."""
-        self.gaussians = start.requires_grad_()
+        self.gaussians, self.options = start.requires_grad_(), options
         # 3DGS scales only the learning rate of the means, because only means have the unit of the scene.
         self.optimizer = Adam(start, LearningRates(means=options.schedule.position_lr_init * extent))
         self.density = DensityControl(options, extent)
@@ -153,28 +154,18 @@ RECORD_EVERY = 10
 _BAD_RECORDS = 3
 
 
-@dataclass(frozen=True)
-class ViewSets:
-    """The views by role, as ``training_views.split_views`` chooses them."""
-
-    training: Views
-    held_out: Views
-
-
-def resume_and_train(
-    state: TrainingState, view_sets: ViewSets, options: TrainingOptions, checkpoint: Checkpoint
-) -> None:
+def resume_and_train(state: TrainingState, views: Views, held_out: Views, checkpoint: Checkpoint) -> None:
     """Train from the checkpoint, if there is one, until the last iteration; changes ``state``. UserError:
     training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again."""
     if (saved := checkpoint.load()) is not None:
         state.load_state_dict(saved)
         log(f"training resumes after iteration {state.iteration}")
-    schedule = options.schedule
+    options, schedule = state.options, state.options.schedule
     started = time.perf_counter() - state.seconds
     rest = range(state.iteration + 1, options.iterations + 1)
     try:
         for iteration in track(rest, "training", unit="iteration"):
-            iterate(state, view_sets.training, options, schedule)
+            iterate(state, views, schedule)
             last = iteration == options.iterations
             recorded = iteration % RECORD_EVERY == 0 or last
             if recorded:
@@ -183,7 +174,7 @@ def resume_and_train(
             # Just after a reset, Gaussians are nearly transparent: scores would say nothing.
             evaluated = iteration % options.evaluate_every == 0 and not schedule.resets_opacity(iteration)
             if evaluated or last:
-                measure(state, view_sets, options, schedule)
+                measure(state, held_out)
             if recorded:
                 checkpoint.save_if_due(state.state_dict)
     except UserError:
@@ -191,17 +182,17 @@ def resume_and_train(
         raise
 
 
-def train_alone(state: TrainingState, views: Views, options: TrainingOptions, checkpoint: Checkpoint) -> None:
+def train_alone(state: TrainingState, views: Views, checkpoint: Checkpoint) -> None:
     """Train Gaussians that are not kept as ``resume_and_train`` does, with no view held out."""
     none = replace(views, frame=views.frame[:0], camera_to_world=views.camera_to_world[:0])
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
-        resume_and_train(state, ViewSets(views, none), options, checkpoint)
+        resume_and_train(state, views, none, checkpoint)
 
 
-def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedule: Schedule) -> None:
+def iterate(state: TrainingState, views: Views, schedule: Schedule) -> None:
     """Run one iteration with one of the views; changes ``state`` and adds the loss to ``state.loss_sum``."""
-    iteration, corrections = state.iteration + 1, state.corrections
+    iteration, corrections, settings = state.iteration + 1, state.corrections, state.options.render
     index = state.next_view(len(views))
     state.optimizer.means_lr = schedule.position_lr(iteration, state.extent)
     state.optimizer.zero_grad()
@@ -209,9 +200,9 @@ def iterate(state: TrainingState, views: Views, options: TrainingOptions, schedu
         state.gaussians,
         views.camera,
         views.camera_to_world[index] if corrections is None else corrections.camera_to_world(index),
-        options.render,
+        settings,
         sh_degree=schedule.sh_degree(iteration, state.gaussians.sh_degree),
-        background=options.render.color_behind,
+        background=settings.color_behind,
     )
     if corrections is not None:
         image = corrections.exposed(image, views.picture(index))
@@ -254,15 +245,15 @@ def record(state: TrainingState) -> None:
         )
 
 
-def measure(state: TrainingState, view_sets: ViewSets, options: TrainingOptions, schedule: Schedule) -> None:
+def measure(state: TrainingState, held_out: Views) -> None:
     """Evaluate, append the scores to the curves and log them."""
-    sh_degree = schedule.sh_degree(state.iteration, state.gaussians.sh_degree)
-    held_out, poses = view_sets.held_out, "as given"
+    sh_degree = state.options.schedule.sh_degree(state.iteration, state.gaussians.sh_degree)
+    poses = "as given"
     if (corrections := state.corrections) is not None:
         # A fit would take longer than the evaluation, and scores of other poses are other scores.
         held_out = applied(held_out, corrections.values_at(held_out.frame), corrections.compression)
         poses = "corrected as the frames before and after"
-    scores = evaluate(state.gaussians, held_out, options.render, sh_degree)
+    scores = evaluate(state.gaussians, held_out, state.options.render, sh_degree)
     curves = state.curves
     curves.evaluated.append(state.iteration)
     curves.psnr.append(scores.mean_psnr)

@@ -52,7 +52,7 @@ def train_geometry(
     views = read_views(frames, poses, training, device, resolution=keys.resolution)
     options = TrainingOptions.of(keys, evaluate_every=keys.iterations, **_FEW)
     state = begin(poses, views, options, L1Ssim(options.ssim_lambda), keys)
-    train_alone(state, views, options, Checkpoint(output, key))
+    train_alone(state, views, Checkpoint(output, key))
     gaussians, cameras = state.gaussians.detach(), poses.read("camera_to_world")
     if (corrections := state.corrections) is not None:
         cameras = corrected_poses(cameras, corrections.values_at(np.arange(len(cameras))))

@@ -42,7 +42,7 @@ from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.trainer import Curves, TrainingState, ViewSets, begin, resume_and_train
+from egosplat.gaussians.trainer import Curves, TrainingState, begin, resume_and_train
 from egosplat.gaussians.training_views import Mask, Masking, Views, open_masking, read_views, split_views
 from egosplat.language.targets import CodeTargets, JointLanguage
 from egosplat.models.checkpoints import joint_hash
@@ -86,15 +86,15 @@ def run(
     used = [frames, poses, *language_inputs, *masking.artifacts]
     record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
     training = TrainingOptions.of(options, options.recipe, **options.model_dump(include=_TRAINING))
-    view_sets = _view_sets(frames, poses, kept, masking, training)
+    views, held_out = _view_sets(frames, poses, kept, masking, training)
     objective: Objective = L1Ssim(training.ssim_lambda)
     if language_inputs:
-        targets = CodeTargets(*language_inputs, view_sets.training.device)
+        targets = CodeTargets(*language_inputs, views.device)
         objective = JointLanguage(training.ssim_lambda, targets)
-    state = begin(poses, view_sets.training, training, objective, options)
+    state = begin(poses, views, training, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    resume_and_train(state, view_sets, training, checkpoint)
-    _write(output, record, state, view_sets, training, poses, masking)
+    resume_and_train(state, views, held_out, checkpoint)
+    _write(output, record, state, views, held_out, poses, masking)
     checkpoint.remove()
 
 
@@ -112,31 +112,29 @@ def _import(
     masking = open_masking("none", frames, {})
     every = np.ones(frames.shape("rgb")[0], bool)
     # What the other program trained on is not known: evaluation frames are rendered, and may be among it.
-    view_sets = _view_sets(frames, poses, every, masking, training)
+    views, held_out = _view_sets(frames, poses, every, masking, training)
     facts = {"iteration": 0, "skipped_rows": 0, "training_s": 0.0, "history_s": [], "source": source}
-    extent = scene_extent(view_sets.training.camera_to_world, options.near_plane)
+    extent = scene_extent(views.camera_to_world, options.near_plane)
     with create(output, SPLATS, record) as artifact:
-        facts |= _facts(view_sets, training, extent, gaussians.sh_degree)
-        scores = _put(artifact, gaussians, Curves(), view_sets.held_out, training, facts)
+        facts |= _facts(views, held_out, training, extent, gaussians.sh_degree)
+        scores = _put(artifact, gaussians, Curves(), held_out, training, facts)
     log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores, None)}")
 
 
 def _view_sets(
     frames: Artifact, poses: Artifact, kept: Mask, masking: Masking, options: TrainingOptions
-) -> ViewSets:
-    """Read the views by role."""
+) -> tuple[Views, Views]:
+    """Read the training views and those held out."""
     chosen = split_views(frames, poses, kept)
     device = training_device(options.render.backend)
     training, held_out = (read_views(frames, poses, rows, device) for rows in chosen)
-    view_sets = ViewSets(
-        replace(training, transient=masking.frames(training.frame)),
-        # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.
-        replace(held_out, transient=masking.of_the_user().frames(held_out.frame)),
-    )
-    _check_left(view_sets.training, masking)
-    counts = f"{len(view_sets.training)} training, {len(view_sets.held_out)} held out"
+    training = replace(training, transient=masking.frames(training.frame))
+    # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.
+    held_out = replace(held_out, transient=masking.of_the_user().frames(held_out.frame))
+    _check_left(training, masking)
+    counts = f"{len(training)} training, {len(held_out)} held out"
     log(f"frames: {counts}; rendered on {rasterizer_used(options.render.backend, device)}")
-    return view_sets
+    return training, held_out
 
 
 def _check_left(views: Views, masking: Masking) -> None:
@@ -164,15 +162,15 @@ def _write(
     output: Path,
     record: Provenance,
     state: TrainingState,
-    view_sets: ViewSets,
-    options: TrainingOptions,
+    views: Views,
+    held_out: Views,
     poses: Artifact,
     masking: Masking,
 ) -> None:
     """Evaluate and write the Gaussians."""
-    gaussians, corrections, held_out = state.gaussians, state.corrections, view_sets.held_out
+    gaussians, corrections, options = state.gaussians, state.corrections, state.options
     sh_degree = options.schedule.sh_degree(state.iteration, gaussians.sh_degree)
-    facts = _facts(view_sets, options, state.extent, sh_degree) | {
+    facts = _facts(views, held_out, options, state.extent, sh_degree) | {
         "iteration": state.iteration,
         "skipped_rows": state.optimizer.skipped_rows,
         "training_s": round(state.seconds, 3),
@@ -259,12 +257,13 @@ def _summary(scores: Scores, corrections: Corrections | None) -> str:
     return f" {poses}: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
 
 
-def _facts(view_sets: ViewSets, options: TrainingOptions, extent: float, sh_degree: int) -> dict[str, Any]:
-    views = view_sets.training
+def _facts(
+    views: Views, held_out: Views, options: TrainingOptions, extent: float, sh_degree: int
+) -> dict[str, Any]:
     return {
         "camera": asdict(views.camera),
         "rasterizer": rasterizer_used(options.render.backend, views.device),
         "extent_m": extent,
-        "views": {"training": len(views), "held out": len(view_sets.held_out)},
+        "views": {"training": len(views), "held out": len(held_out)},
         "sh_degree_in_use": sh_degree,
     }

@@ -60,7 +60,7 @@ def run(
     gaussian_options = TrainingOptions.of(options, options.recipe, **keys)
     state = begin(poses, views, gaussian_options, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    train_alone(state, views, gaussian_options, checkpoint)
+    train_alone(state, views, checkpoint)
     with create(output, TRANSIENT, record) as artifact:
         artifact.put("curve/iteration", np.array(state.curves.iteration, np.int64))
         artifact.put("curve/loss", np.array(state.curves.loss, np.float64))

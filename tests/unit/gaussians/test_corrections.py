@@ -25,7 +25,7 @@ from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.render import render
 from egosplat.gaussians.schedule import TrainingOptions
-from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
+from egosplat.gaussians.trainer import TrainingState, resume_and_train
 from egosplat.geometry import make_pose
 from egosplat.pipeline.shared_options import CameraOptions
 from tests.support.gaussian_scene import CAMERA, SETTINGS, Stopped, StoppingCheckpoint, opaque, views_of
@@ -35,9 +35,9 @@ BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
 OPTIONS = TrainingOptions(render=SETTINGS, iterations=60, max_gaussians=60, evaluate_every=30, seed=3)
 
 
-def view_sets(pictures, poses) -> ViewSets:
+def view_sets(pictures, poses) -> list:
     sets = ((0, 1, 2, 3, 5, 6, 7, 8), (4,))
-    return ViewSets(*(views_of(pictures, poses, *rows) for rows in sets))
+    return [views_of(pictures, poses, *rows) for rows in sets]
 
 
 @pytest.fixture
@@ -88,18 +88,18 @@ def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_worl
 
     def held_out(corrections: Corrections | None) -> float:
         state = TrainingState(start.select(torch.arange(start.count)), options, 1.0, L1Ssim(0.2), corrections)
-        resume_and_train(state, sets, options, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+        resume_and_train(state, *sets, Checkpoint(tmp_path / "none.zarr", "", 1e9))
         if corrections is None:
-            return evaluate(state.gaussians, sets.held_out, SETTINGS, 0).mean_psnr
-        guess = corrections.values_at(sets.held_out.frame)
-        found = fitting.fit(state.gaussians, sets.held_out, guess, corrections, SETTINGS, 0)
-        return evaluate(state.gaussians, applied(sets.held_out, found), SETTINGS, 0).mean_psnr
+            return evaluate(state.gaussians, sets[1], SETTINGS, 0).mean_psnr
+        guess = corrections.values_at(sets[1].frame)
+        found = fitting.fit(state.gaussians, sets[1], guess, corrections, SETTINGS, 0)
+        return evaluate(state.gaussians, applied(sets[1], found), SETTINGS, 0).mean_psnr
 
-    corrections = make_corrections(BOTH, start, sets.training, 0.1, 400)
+    corrections = make_corrections(BOTH, start, sets[0], 0.1, 400)
     without, corrected_psnr = held_out(None), held_out(corrections)
     # A shift along the wall and a turn away from it look alike: the gains alone are determined.
-    rest = corrections.values[:, 6] - error[sets.training.frame, 6]
-    assert float((rest - rest.mean()).norm()) < 0.4 * float(error[sets.training.frame, 6].norm())
+    rest = corrections.values[:, 6] - error[sets[0].frame, 6]
+    assert float((rest - rest.mean()).norm()) < 0.4 * float(error[sets[0].frame, 6].norm())
     assert corrected_psnr > without + 3.0
 
 
@@ -113,10 +113,10 @@ def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_worl
 )
 def test_each_key_changes_its_own_columns(start, pictures, camera_to_world, tmp_path, options, columns):
     sets = view_sets(pictures, camera_to_world)
-    assert make_corrections(OFF, start, sets.training, 0.1, 60) is None
-    corrections = make_corrections(options, start, sets.training, 0.1, 60)
+    assert make_corrections(OFF, start, sets[0], 0.1, 60) is None
+    corrections = make_corrections(options, start, sets[0], 0.1, 60)
     state = TrainingState(start, OPTIONS, 1.0, L1Ssim(0.2), corrections)
-    resume_and_train(state, sets, OPTIONS, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+    resume_and_train(state, *sets, Checkpoint(tmp_path / "none.zarr", "", 1e9))
     changed = corrections.values.abs().amax(dim=0) > 0
     expected = torch.zeros(COLUMNS, dtype=torch.bool)
     expected[columns] = True
@@ -129,10 +129,10 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
     options = replace(OPTIONS, evaluate_every=20)
 
     def run(checkpoint: Checkpoint) -> TrainingState:
-        corrections = make_corrections(BOTH, start, sets.training, 0.1, 60)
+        corrections = make_corrections(BOTH, start, sets[0], 0.1, 60)
         copy = start.select(torch.arange(start.count))
         state = TrainingState(copy, options, 1.0, L1Ssim(0.2), corrections)
-        resume_and_train(state, sets, options, checkpoint)
+        resume_and_train(state, *sets, checkpoint)
         return state
 
     unbroken = run(Checkpoint(tmp_path / "none.zarr", "", 1e9))
@@ -204,7 +204,7 @@ def test_gradients_of_the_exposure_are_those_of_its_formula(features):
 
 
 def test_gains_are_measured_where_nothing_is_saturated(start, camera_to_world, pictures):
-    views = view_sets(pictures, camera_to_world).training
+    views = view_sets(pictures, camera_to_world)[0]
     none, picture = torch.zeros(COLUMNS, dtype=torch.float64), views.picture(0)
     assert torch.equal(fitting.with_best_gain(none, picture, torch.ones_like(picture), None), none)
 

@@ -15,7 +15,7 @@ from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.schedule import STOCK, TrainingOptions
-from egosplat.gaussians.trainer import TrainingState, ViewSets, resume_and_train
+from egosplat.gaussians.trainer import TrainingState, resume_and_train
 from tests.support.gaussian_scene import SETTINGS, views_of
 
 OPTIONS = TrainingOptions(render=SETTINGS, iterations=60, max_gaussians=80, evaluate_every=20, seed=3)
@@ -23,9 +23,9 @@ EXTENT = 1.0
 
 
 @pytest.fixture
-def view_sets(pictures, camera_to_world) -> ViewSets:
+def view_sets(pictures, camera_to_world) -> list:
     sets = ((0, 1, 3, 5, 7, 8), (4,))
-    return ViewSets(*(views_of(pictures, camera_to_world, *rows) for rows in sets))
+    return [views_of(pictures, camera_to_world, *rows) for rows in sets]
 
 
 @pytest.fixture
@@ -39,10 +39,10 @@ def start(points) -> Gaussians:
 def trained(view_sets, start, tmp_path):
     """``trained(...)``: the state after training a copy of the same start; keywords change the options."""
 
-    def run(view_sets: ViewSets = view_sets, **changes: object) -> TrainingState:
+    def run(view_sets: list = view_sets, **changes: object) -> TrainingState:
         options = replace(OPTIONS, **changes)
         state = TrainingState(start.select(torch.arange(start.count)), options, EXTENT, L1Ssim(0.2))
-        resume_and_train(state, view_sets, options, Checkpoint(tmp_path / "none.zarr", "", 3600.0))
+        resume_and_train(state, *view_sets, Checkpoint(tmp_path / "none.zarr", "", 3600.0))
         return state
 
     return run
@@ -73,13 +73,13 @@ def test_every_view_comes_once_an_epoch(start):
 def test_pixels_outside_the_lens_circle_do_not_matter(trained, view_sets):
     weight = torch.ones(24, 24)
     weight[:, :14] = 0.0
-    views = replace(view_sets.training, valid=weight)
+    views = replace(view_sets[0], valid=weight)
     other = views.pictures.clone()
     other[:, :, :4] = 255  # windows of SSIM that have a valid pixel begin at column 4
-    dark = trained(replace(view_sets, training=views))
-    bright = trained(replace(view_sets, training=replace(views, pictures=other)))
+    dark = trained([views, view_sets[1]])
+    bright = trained([replace(views, pictures=other), view_sets[1]])
     assert same(dark.gaussians, bright.gaussians)
-    unmasked = trained(replace(view_sets, training=replace(views, valid=None, pictures=other)))
+    unmasked = trained([replace(views, valid=None, pictures=other), view_sets[1]])
     assert not same(dark.gaussians, unmasked.gaussians)
 
 
