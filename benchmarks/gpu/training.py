@@ -19,7 +19,7 @@ from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import torch_l1_ssim
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, TrainedScene
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.geometry import invert
@@ -195,7 +195,11 @@ class GsplatTraining:
                 spent += time.perf_counter() - began
                 degree = _sh_degree(step)
                 seconds.append(spent)
-                psnr.append(evaluate(self._gaussians, held_out, settings, degree).mean_psnr)
+                psnr.append(
+                    evaluate(
+                        TrainedScene(self._gaussians, settings, held_out.camera, degree), held_out
+                    ).mean_psnr
+                )
                 self._wait()
                 began = time.perf_counter()
         return Curve(self._iterations, len(self._parameters["means"]), tuple(seconds), tuple(psnr))

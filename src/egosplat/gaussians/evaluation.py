@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.gaussians.exposure import expose
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.training_views import Views
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
@@ -40,10 +39,8 @@ def _mean(values: NDArray[np.float64]) -> float:
 
 @torch.no_grad()
 def evaluate(
-    gaussians: Gaussians,
+    scene: TrainedScene,
     views: Views,
-    settings: RenderSettings,
-    sh_degree: int,
     show: Callable[[int, NDArray[np.uint8]], object] = lambda index, picture: None,
 ) -> Scores:
     """Render and score every view; there may be none. ``show`` is called with the index and the rendered (H,
@@ -51,7 +48,7 @@ def evaluate(
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
         # Scores are those of the 8-bit image that is stored.
-        picture = (rendered(gaussians, views, index, settings, sh_degree) * 255.0).round().to(torch.uint8)
+        picture = (rendered(scene, views, index) * 255.0).round().to(torch.uint8)
         truth, weight = views.pictures[index].to(views.device), views.weight(index)
         # A predicted M is a probability; scores take a pixel wholly or not at all.
         valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
@@ -60,13 +57,9 @@ def evaluate(
     return Scores(scores[:, 0], scores[:, 1])
 
 
-def rendered(
-    gaussians: Gaussians, views: Views, index: int, settings: RenderSettings, sh_degree: int
-) -> Tensor:
+def rendered(scene: TrainedScene, views: Views, index: int) -> Tensor:
     """Render a view as an (H, W, 3) float32 image clamped to [0, 1], with the view's gain if it has one."""
-    pose, background = views.camera_to_world[index], settings.color_behind
-    image, _, _ = render(gaussians, views.camera, pose, settings, sh_degree=sh_degree, background=background)
-    colors = image[..., :3]
+    colors = scene.rendered(views.camera, views.camera_to_world[index])
     if views.log_gain is not None:
         colors = expose(colors, views.log_gain[index], views.compression)
     return colors.clamp(0.0, 1.0)

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import torch
 from torch import Tensor
@@ -17,8 +18,7 @@ from egosplat.gaussians.corrections import (
 )
 from egosplat.gaussians.exposure import SATURATED, expose
 from egosplat.gaussians.loss import l1_ssim
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.training_views import Views
 
 # Steps of each photograph. Each renders it once, forwards and backwards.
@@ -33,28 +33,19 @@ _SSIM_LAMBDA = 0.2
 _MOST_LOG_GAIN = 5.0
 
 
-def fit(
-    gaussians: Gaussians,
-    views: Views,
-    guess: Tensor,
-    corrections: Corrections,
-    settings: RenderSettings,
-    sh_degree: int,
-) -> Tensor:
+def fit(scene: TrainedScene, views: Views, guess: Tensor, corrections: Corrections) -> Tensor:
     """Corrections of V views that render most like their photographs; the Gaussians do not change. ``views``:
     photographs; pixels with weight 0 do not count. ``guess``: (V, 9) corrections to start from, unless no
     correction at all is better. ``corrections``: of the training: which are optimized, the depth of the
     scene, and the compression of the camera. Returns (V, 9) float64, for each view the best of all steps."""
     rates = _REACH * learning_rates(corrections.options, corrections.depth, STEPS)
-    gaussians, fitted = gaussians.detach(), torch.zeros_like(guess)
+    scene, fitted = replace(scene, gaussians=scene.gaussians.detach()), torch.zeros_like(guess)
     for index in range(len(views)):
         picture, weight = views.picture(index), views.weight(index)
         camera_to_world = torch.from_numpy(views.camera_to_world[index])
 
         def colors(values: Tensor, given: Tensor = camera_to_world) -> Tensor:
-            pose, background = corrected(given, values[POSE]), settings.color_behind
-            still = {"sh_degree": sh_degree, "background": background}
-            return render(gaussians, views.camera, pose, settings, **still)[0][..., :3]
+            return scene.rendered(views.camera, corrected(given, values[POSE]))
 
         def loss(values: Tensor, picture: Tensor = picture, weight: Tensor | None = weight) -> Tensor:
             image = expose(colors(values), values[LOG_GAIN], corrections.compression, picture)

@@ -7,9 +7,11 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.writer import Writer
 from egosplat.errors import UserError
+from egosplat.gaussians.device import training_device
 from egosplat.gaussians.model import PARAMETERS, Gaussians
-from egosplat.gaussians.render import BACKGROUNDS, RenderSettings
+from egosplat.gaussians.render import BACKGROUNDS, RenderSettings, TrainedScene
 from egosplat.gaussians.trainer import Curves
+from egosplat.geometry import Camera
 
 
 def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:
@@ -53,3 +55,13 @@ def read_render_settings(artifact: Artifact, backend: str) -> RenderSettings:
     options = artifact.provenance["options"]
     background = options.get("background") or BACKGROUNDS[options["recipe"]]  # 0.2 had a key for it
     return RenderSettings(options["near_plane"], background, backend)
+
+
+def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
+    """Read the Gaussians onto the device of a backend of ``egosplat.rasterize`` (UserError: it cannot run)."""
+    return TrainedScene(
+        gaussians=read_gaussians(splats).to(training_device(backend)),
+        settings=read_render_settings(splats, backend),
+        camera=Camera(**splats.facts["camera"]),
+        sh_degree=splats.facts["sh_degree_in_use"],
+    )

@@ -107,6 +107,26 @@ def render(
     return images.squeeze(0), alphas.squeeze(0), meta
 
 
+@dataclass(frozen=True, eq=False)
+class TrainedScene:
+    """N trained Gaussians, on any device, with the camera of the training views and the degree of harmonics in use."""
+
+    gaussians: Gaussians
+    settings: RenderSettings
+    camera: Camera
+    sh_degree: int
+
+    @torch.no_grad()
+    def picture(self, camera: Camera, camera_to_world: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Render (H, W, 3) float32 sRGB in [0, 1] as in training; a random background becomes black."""
+        return self.rendered(camera, camera_to_world).clamp(0.0, 1.0).cpu().numpy()
+
+    def rendered(self, camera: Camera, camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:
+        """The (H, W, 3) colors on the device, which may exceed 1."""
+        how = {"sh_degree": self.sh_degree, "background": self.settings.color_behind}
+        return render(self.gaussians, camera, camera_to_world, self.settings, **how)[0][..., :3]
+
+
 def _world_to_camera(camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:
     """Inverse of a (4, 4) rigid motion in float64; differentiable by a tensor."""
     if not isinstance(camera_to_world, Tensor):

@@ -19,9 +19,10 @@ from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import Objective
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import TrainedScene, render
 from egosplat.gaussians.schedule import Schedule, TrainingOptions
 from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Camera
 from egosplat.pipeline.shared_options import CameraOptions
 from egosplat.progress import log, track
 
@@ -82,6 +83,11 @@ class TrainingState:
         self.loss_sum = start.means.new_zeros(())
         self.bad_records = 0
         self.extent = extent
+
+    def scene(self, camera: Camera) -> TrainedScene:
+        """The scene as it is trained so far."""
+        sh_degree = self.options.schedule.sh_degree(self.iteration, self.gaussians.sh_degree)
+        return TrainedScene(self.gaussians, self.options.render, camera, sh_degree)
 
     def next_view(self, views: int) -> int:
         """Return the next view of this epoch's random permutation of so many ``views``."""
@@ -247,13 +253,12 @@ def record(state: TrainingState) -> None:
 
 def measure(state: TrainingState, held_out: Views) -> None:
     """Evaluate, append the scores to the curves and log them."""
-    sh_degree = state.options.schedule.sh_degree(state.iteration, state.gaussians.sh_degree)
     poses = "as given"
     if (corrections := state.corrections) is not None:
         # A fit would take longer than the evaluation, and scores of other poses are other scores.
         held_out = applied(held_out, corrections.values_at(held_out.frame), corrections.compression)
         poses = "corrected as the frames before and after"
-    scores = evaluate(state.gaussians, held_out, state.options.render, sh_degree)
+    scores = evaluate(state.scene(held_out.camera), held_out)
     curves = state.curves
     curves.evaluated.append(state.iteration)
     curves.psnr.append(scores.mean_psnr)

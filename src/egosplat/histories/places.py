@@ -1,7 +1,7 @@
 """What the frames show of the ends of carries: small crops around each."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -11,11 +11,10 @@ from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses, is_track
-from egosplat.gaussians.device import training_device
 from egosplat.gaussians.exposure import expose
-from egosplat.gaussians.io import read_exposure, read_gaussians, read_render_settings
+from egosplat.gaussians.io import read_exposure, read_trained_scene
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import TrainedScene, render
 from egosplat.geometry import Array, Camera, invert, transform
 from egosplat.histories.options import HistoriesOptions
 from egosplat.images import shrunk_size
@@ -34,7 +33,7 @@ _REACH = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
+class Recording(TrainedScene):
     """The frames of a recording, (F, 4, 4) float64 poses, and the Gaussians of its scene on the renderer's device, which stay
     as they are.
 
@@ -47,10 +46,6 @@ class Recording:
     instances: Artifact
     masks: Artifact | None
     seed: int
-    gaussians: Gaussians
-    settings: RenderSettings
-    sh_degree: int
-    camera: Camera
     camera_to_world: Array
     log_gains: Tensor | None
     compression: Tensor | None
@@ -65,10 +60,9 @@ class Recording:
         options: HistoriesOptions,
     ) -> "Recording":
         """Read the scene of artifacts that belong together (UserError: the backend cannot run)."""
-        gaussians, facts = read_gaussians(splats).to(training_device(options.backend)), splats.facts
-        settings, camera = read_render_settings(splats, options.backend), Camera(**facts["camera"])
-        scene = gaussians, settings, facts["sh_degree_in_use"], camera, camera_poses(poses, splats)
-        return Recording(frames, instances, masks, options.seed, *scene, *read_exposure(splats))
+        scene, known = vars(read_trained_scene(splats, options.backend)), camera_poses(poses, splats)
+        given = frames, instances, masks, options.seed, known, *read_exposure(splats)
+        return Recording(*scene.values(), *given)
 
     @cached_property
     def valid(self) -> Mask:
@@ -141,13 +135,12 @@ class PlaceView:
 
     def render(self, recording: Recording, more: Gaussians | None = None) -> Tensor:
         """Render (h, w, 3) as the camera would take it, with more Gaussians than the scene's."""
-        view = self.with_scene(recording, more), self.camera, self.camera_to_world, recording.settings
-        background = recording.settings.color_behind
-        image, _, _ = render(*view, sh_degree=recording.sh_degree, background=background)
+        scene = replace(recording, gaussians=self.with_scene(recording, more))
+        image = scene.rendered(self.camera, self.camera_to_world)
         if recording.log_gains is None:
-            return image[..., :3]
+            return image
         log_gain, colors = recording.log_gains[self.frame], self.colors.to(image)
-        return expose(image[..., :3], log_gain, recording.compression, colors)
+        return expose(image, log_gain, recording.compression, colors)
 
 
 def see_places(ends: Sequence[End], frames: NDArray[np.int64], recording: Recording) -> list[list[PlaceView]]:

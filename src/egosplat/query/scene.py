@@ -13,11 +13,10 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.gaussians.device import training_device
 from egosplat.gaussians.exposure import expose
-from egosplat.gaussians.io import read_gaussians, read_render_settings
+from egosplat.gaussians.io import read_trained_scene
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, render
+from egosplat.gaussians.render import TrainedScene
 from egosplat.geometry import Array, Camera, is_rigid
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder, read_scene_decoder
@@ -36,23 +35,17 @@ Pose = Array | Path | str
 
 
 @dataclass(frozen=True, eq=False)
-class TrainedScene:
-    """N trained Gaussians, on any device, with the camera of the training views and the degree of harmonics in use."""
+class QueryScene(TrainedScene):
+    """A trained scene whose Gaussians have a code and a share, (N, L, C) and (N, L) float32 on their device, at L levels;
+    of ``maps_only`` codes see ``egosplat.language.method.Coded``. ``sizes`` are evidence for names, if they are known."""
 
-    gaussians: Gaussians
-    settings: RenderSettings
-    camera: Camera
-    sh_degree: int
-
-    @torch.no_grad()
-    def picture(self, camera: Camera, camera_to_world: Array) -> NDArray[np.float32]:
-        """Render (H, W, 3) float32 sRGB in [0, 1] as in training; a random background becomes black."""
-        return self.rendered(camera, camera_to_world).clamp(0.0, 1.0).cpu().numpy()
-
-    def rendered(self, camera: Camera, camera_to_world: Array) -> Tensor:
-        """The (H, W, 3) colors on the device, which may exceed 1."""
-        how = {"sh_degree": self.sh_degree, "background": self.settings.color_behind}
-        return render(self.gaussians, camera, camera_to_world, self.settings, **how)[0][..., :3]
+    code: Tensor
+    share: Tensor
+    decoder: Decoder
+    levels: Sequence[str]
+    maps_only: bool = False
+    sizes: Sizes | None = None
+    _kept: Kept = field(default_factory=dict, init=False)
 
     def at(self, rests: Rests | None, second: float | None) -> "TrainedScene":
         """The scene with what lies there at a time [s], to render its colors; itself if nothing does, or without a time."""
@@ -75,20 +68,6 @@ class TrainedScene:
             colors = expose(colors, log_gain[frame], compression)
         return (colors.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).cpu().numpy()
 
-
-@dataclass(frozen=True, eq=False)
-class QueryScene(TrainedScene):
-    """A trained scene whose Gaussians have a code and a share, (N, L, C) and (N, L) float32 on their device, at L levels;
-    of ``maps_only`` codes see ``egosplat.language.method.Coded``. ``sizes`` are evidence for names, if they are known."""
-
-    code: Tensor
-    share: Tensor
-    decoder: Decoder
-    levels: Sequence[str]
-    maps_only: bool = False
-    sizes: Sizes | None = None
-    _kept: Kept = field(default_factory=dict, init=False)
-
     def relevancy(self, texts: Texts, options: QueryOptions) -> Tensor:
         """(Q, L, N) float32 in [0, 1]: relevancy of each Gaussian's own code to all queries; 0 without a code."""
         # An image of one level, with a row for each Gaussian and a column for each of its codes, as they lie in memory.
@@ -105,16 +84,6 @@ class QueryScene(TrainedScene):
         code, share, levels = self.code[:, [level]], self.share[:, [level]], [self.levels[level]]
         sizes = self.sizes and replace(self.sizes, instance=self.sizes.instance[:, [level]])
         return replace(self, code=code, share=share, levels=levels, sizes=sizes)
-
-
-def read_trained_scene(splats: Artifact, backend: str) -> TrainedScene:
-    """Read the Gaussians onto the device of a backend of ``egosplat.rasterize`` (UserError: it cannot run)."""
-    return TrainedScene(
-        gaussians=read_gaussians(splats).to(training_device(backend)),
-        settings=read_render_settings(splats, backend),
-        camera=Camera(**splats.facts["camera"]),
-        sh_degree=splats.facts["sh_degree_in_use"],
-    )
 
 
 def read_scene(splats: Artifact, language: Artifact, encoded: Artifact, backend: str) -> QueryScene:

@@ -40,7 +40,7 @@ from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
 from egosplat.gaussians.loss import L1Ssim, Objective
-from egosplat.gaussians.model import Gaussians
+from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import Curves, TrainingState, begin, resume_and_train
 from egosplat.gaussians.training_views import Mask, Masking, Views, open_masking, read_views, split_views
@@ -113,11 +113,12 @@ def _import(
     every = np.ones(frames.shape("rgb")[0], bool)
     # What the other program trained on is not known: evaluation frames are rendered, and may be among it.
     views, held_out = _view_sets(frames, poses, every, masking, training)
+    scene = TrainedScene(gaussians, training.render, views.camera, gaussians.sh_degree)
     facts = {"iteration": 0, "skipped_rows": 0, "training_s": 0.0, "history_s": [], "source": source}
     extent = scene_extent(views.camera_to_world, options.near_plane)
     with create(output, SPLATS, record) as artifact:
-        facts |= _facts(views, held_out, training, extent, gaussians.sh_degree)
-        scores = _put(artifact, gaussians, Curves(), held_out, training, facts)
+        facts |= _facts(scene, views, held_out, extent)
+        scores = _put(artifact, scene, Curves(), held_out, facts)
     log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores, None)}")
 
 
@@ -168,9 +169,8 @@ def _write(
     masking: Masking,
 ) -> None:
     """Evaluate and write the Gaussians."""
-    gaussians, corrections, options = state.gaussians, state.corrections, state.options
-    sh_degree = options.schedule.sh_degree(state.iteration, gaussians.sh_degree)
-    facts = _facts(views, held_out, options, state.extent, sh_degree) | {
+    scene, corrections = state.scene(views.camera), state.corrections
+    facts = _facts(scene, views, held_out, state.extent) | {
         "iteration": state.iteration,
         "skipped_rows": state.optimizer.skipped_rows,
         "training_s": round(state.seconds, 3),
@@ -178,19 +178,19 @@ def _write(
     }
     with create(output, SPLATS, record) as artifact:
         if corrections is not None:
-            given = _put_held_out(artifact, gaussians, held_out, options, sh_degree, "_given")
+            given = _put_held_out(artifact, scene, held_out, "_given")
             log(f"held out{_summary(given, None)}")
             # What moves is not in the Gaussians: it must not pull at the pose. The scores count it.
             unmasked = replace(held_out, transient=masking.frames(held_out.frame))
             guess = corrections.values_at(held_out.frame)
-            fitted = fit(gaussians, unmasked, guess, corrections, options.render, sh_degree)
+            fitted = fit(scene, unmasked, guess, corrections)
             _put_corrections(artifact, corrections, poses, held_out, fitted)
             held_out = applied(held_out, fitted, corrections.compression)
             facts |= {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}
             facts["highlight_compression"] = float(corrections.compression)
-        scores = _put(artifact, gaussians, state.curves, held_out, options, facts)
+        scores = _put(artifact, scene, state.curves, held_out, facts)
     log(
-        f"{gaussians.count} Gaussians after {state.iteration} iterations; held out{_summary(scores, corrections)}"
+        f"{scene.gaussians.count} Gaussians after {state.iteration} iterations; held out{_summary(scores, corrections)}"
     )
 
 
@@ -217,34 +217,22 @@ def _put_corrections(
 
 
 def _put(
-    artifact: Writer,
-    gaussians: Gaussians,
-    curves: Curves,
-    held_out: Views,
-    options: TrainingOptions,
-    facts: dict[str, Any],
+    artifact: Writer, scene: TrainedScene, curves: Curves, held_out: Views, facts: dict[str, Any]
 ) -> Scores:
     """Store Gaussians, curves and facts, and the held-out frames with their scores."""
-    scores = _put_held_out(artifact, gaussians, held_out, options, facts["sh_degree_in_use"])
-    put_gaussians(artifact, gaussians)
+    scores = _put_held_out(artifact, scene, held_out)
+    put_gaussians(artifact, scene.gaussians)
     put_curves(artifact, curves)
     artifact.put("held_out/frame", held_out.frame)
     artifact.facts = facts
     return scores
 
 
-def _put_held_out(
-    artifact: Writer,
-    gaussians: Gaussians,
-    held_out: Views,
-    options: TrainingOptions,
-    sh_degree: int,
-    suffix: str = "",
-) -> Scores:
+def _put_held_out(artifact: Writer, scene: TrainedScene, held_out: Views, suffix: str = "") -> Scores:
     """Render the held-out frames and store the renders and their scores; ``suffix`` ends the names of the arrays."""
     camera, render = held_out.camera, f"held_out/render{suffix}"
     artifact.allocate(render, (len(held_out), camera.height, camera.width, 3))
-    scores = evaluate(gaussians, held_out, options.render, sh_degree, partial(artifact.put_row, render))
+    scores = evaluate(scene, held_out, partial(artifact.put_row, render))
     artifact.put(f"held_out/psnr{suffix}", scores.psnr)
     artifact.put(f"held_out/ssim{suffix}", scores.ssim)
     return scores
@@ -257,13 +245,11 @@ def _summary(scores: Scores, corrections: Corrections | None) -> str:
     return f" {poses}: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
 
 
-def _facts(
-    views: Views, held_out: Views, options: TrainingOptions, extent: float, sh_degree: int
-) -> dict[str, Any]:
+def _facts(scene: TrainedScene, views: Views, held_out: Views, extent: float) -> dict[str, Any]:
     return {
-        "camera": asdict(views.camera),
-        "rasterizer": rasterizer_used(options.render.backend, views.device),
+        "camera": asdict(scene.camera),
+        "rasterizer": rasterizer_used(scene.settings.backend, views.device),
         "extent_m": extent,
         "views": {"training": len(views), "held out": len(held_out)},
-        "sh_degree_in_use": sh_degree,
+        "sh_degree_in_use": scene.sh_degree,
     }

@@ -23,7 +23,7 @@ from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
-from egosplat.gaussians.render import render
+from egosplat.gaussians.render import TrainedScene, render
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import TrainingState, resume_and_train
 from egosplat.geometry import make_pose
@@ -89,11 +89,11 @@ def test_wrong_poses_and_exposures_are_corrected(start, pictures, camera_to_worl
     def held_out(corrections: Corrections | None) -> float:
         state = TrainingState(start.select(torch.arange(start.count)), options, 1.0, L1Ssim(0.2), corrections)
         resume_and_train(state, *sets, Checkpoint(tmp_path / "none.zarr", "", 1e9))
+        scene = TrainedScene(state.gaussians, SETTINGS, CAMERA, 0)
         if corrections is None:
-            return evaluate(state.gaussians, sets[1], SETTINGS, 0).mean_psnr
-        guess = corrections.values_at(sets[1].frame)
-        found = fitting.fit(state.gaussians, sets[1], guess, corrections, SETTINGS, 0)
-        return evaluate(state.gaussians, applied(sets[1], found), SETTINGS, 0).mean_psnr
+            return evaluate(scene, sets[1]).mean_psnr
+        found = fitting.fit(scene, sets[1], corrections.values_at(sets[1].frame), corrections)
+        return evaluate(scene, applied(sets[1], found)).mean_psnr
 
     corrections = make_corrections(BOTH, start, sets[0], 0.1, 400)
     without, corrected_psnr = held_out(None), held_out(corrections)

@@ -9,9 +9,9 @@ import torch
 
 from egosplat.evaluation.evaluation_frames import region_scores
 from egosplat.gaussians.evaluation import evaluate, rendered
-from egosplat.gaussians.render import RenderSettings
+from egosplat.gaussians.render import RenderSettings, TrainedScene
 from egosplat.gaussians.training_views import Views
-from tests.support.gaussian_scene import SETTINGS, views_of
+from tests.support.gaussian_scene import CAMERA, SETTINGS, views_of
 
 
 @pytest.fixture
@@ -22,11 +22,11 @@ def views(pictures, camera_to_world) -> Views:
 def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
     """splats.png and metrics.json report the same number, with invalid pixels and an imperfect render."""
     valid = np.hypot(*(np.mgrid[:24, :24] - 11.5)) < 10
-    lens = replace(views, valid=torch.from_numpy(valid).float())
     moved = views.camera_to_world.copy()
     moved[:, 1, 3] += 0.1
+    lens = replace(views, valid=torch.from_numpy(valid).float(), camera_to_world=moved)
     renders = {}
-    scores = evaluate(truth, replace(lens, camera_to_world=moved), SETTINGS, 0, renders.__setitem__)
+    scores = evaluate(TrainedScene(truth, SETTINGS, CAMERA, 0), lens, renders.__setitem__)
     for index, render in renders.items():
         found = region_scores(render, views.pictures[index].numpy(), valid, {"all": valid})["all"]
         assert (found.psnr, found.ssim) == (scores.psnr[index], scores.ssim[index])
@@ -34,17 +34,17 @@ def test_the_benchmark_has_the_same_scores_of_the_same_render(truth, views):
 
 
 def test_the_true_gaussians_render_the_pictures(truth, views):
-    shown = {}
-    scores = evaluate(truth, views, SETTINGS, 0, shown.__setitem__)
+    scene, shown = TrainedScene(truth, SETTINGS, CAMERA, 0), {}
+    scores = evaluate(scene, views, shown.__setitem__)
     assert scores.psnr.min() > 50 and scores.ssim.min() > 0.999  # pictures have 8 bits
     assert scores.mean_psnr == pytest.approx(scores.psnr.mean())
     assert sorted(shown) == [0, 1] and shown[1].dtype == np.uint8
     np.testing.assert_array_equal(shown[1], views.pictures[1].numpy())
     moved = views.camera_to_world.copy()
     moved[:, 1, 3] += 0.3
-    worse = evaluate(truth, replace(views, camera_to_world=moved), SETTINGS, 0)
+    worse = evaluate(scene, replace(views, camera_to_world=moved))
     assert worse.psnr.max() < scores.psnr.min() - 10
-    nothing = evaluate(truth, replace(views, frame=views.frame[:0], pictures=views.pictures[:0]), SETTINGS, 0)
+    nothing = evaluate(scene, replace(views, frame=views.frame[:0], pictures=views.pictures[:0]))
     assert math.isnan(nothing.mean_psnr) and math.isnan(nothing.mean_ssim)
 
 
@@ -53,5 +53,5 @@ def test_evaluation_renders_on_the_background_of_training(truth, views, backgrou
     behind = truth.select(torch.arange(1))
     behind.means[:, 2] = -5.0
     options = RenderSettings(near_plane=0.1, background=background, backend="auto")
-    image = rendered(behind, views, 0, options, 0)
+    image = rendered(TrainedScene(behind, options, CAMERA, 0), views, 0)
     assert image.shape == (24, 24, 3) and bool((image == value).all())

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses, seconds_of
 from egosplat.drawing import add_name, draw_outline, empty_grid, middles_of_parts, plt, show, split_page
+from egosplat.gaussians.io import read_trained_scene
 from egosplat.query.maps import innermost
-from egosplat.query.scene import read_trained_scene
 from egosplat.report.sheets.sheet import sheet, tint
 
 # Maximum number of frames, and of those with masked pixels.
