@@ -10,6 +10,7 @@ from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import l1_ssim
+from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.training_views import Views
 from egosplat.geometry import Camera
 from egosplat.pipeline.shared_options import CameraOptions
@@ -42,16 +43,15 @@ def one_frame(brightness: int) -> Views:
 @pytest.mark.parametrize("brightness", [0, 128, 255])
 def test_one_frame(brightness):
     views = one_frame(brightness)
-    rng = np.random.default_rng(0)
-    xyz, rgb = rng.uniform([-1, -1, 1.8], [1, 1, 2.2], (40, 3)), np.full((40, 3), 120, np.uint8)
-    start = from_points(xyz, rgb, sh_degree=0, max_points=40, seed=0)
+    xyz = np.random.default_rng(0).uniform([-1, -1, 1.8], [1, 1, 2.2], (40, 3))
+    start = from_points(xyz, np.full((40, 3), 120, np.uint8), sh_degree=0, max_points=40, seed=0)
     corrections = make_corrections(BOTH, start, views, 0.1, 100)
     corrections.camera_to_world(0)
     corrections.exposed(torch.rand(24, 24, 3), views.picture(0)).sum().backward()
     corrections.step(0, 1)
     assert not corrections.values.any() and int(corrections.steps[0]) == 1
     zero = torch.zeros(1, COLUMNS, dtype=torch.float64)
-    found = fit(start, views, zero, corrections, SETTINGS, 0)
+    found = fit(TrainedScene(start, SETTINGS, views.camera, 0), views, zero, corrections)
     assert bool(found.isfinite().all()) and found.abs().max() < 6.0
     assert np.isfinite(applied(views, found).camera_to_world).all()
     assert brightness or float(found[0, 6:].max()) < 0.0
