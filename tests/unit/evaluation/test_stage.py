@@ -212,7 +212,7 @@ def test_a_frame_is_rendered_with_what_lies_there_at_its_time(word_scene_in, tmp
 def test_a_frame_is_asked_at_its_time(word_scene, frame):
     folder, asked = word_scene(), []
     evaluation = read_evaluation(*(open_artifact(folder / f"{one.name}.zarr", one) for one in SCORED[:4]))
-    asker = SimpleNamespace(ask=lambda *given: asked.append(given[-1]) or (), texts=None)
+    asker = SimpleNamespace(ask=lambda *given: asked.append(given[-1].second) or (), texts=None)
     list(ask_of(evaluation, asker)(frame, ["cup"]))
     assert asked == [pytest.approx(0.1 * frame)]
 
