@@ -24,7 +24,6 @@ from egosplat.artifacts.schemas import FRAMES, MASKS, POSES
 from egosplat.artifacts.writer import Writer, create
 from egosplat.geometry import Camera
 
-GIB = 2**30
 FRAME_NS = 100_000_000
 POINTS = 20_000
 STAGES = ("splats", "transient")

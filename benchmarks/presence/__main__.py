@@ -16,22 +16,12 @@ import numpy as np
 import pandas as pd
 
 from benchmarks.common import command, markdown
-from benchmarks.presence.fit import (
-    EVIDENCE,
-    at_share,
-    brier,
-    errors,
-    fit_logistic,
-    held_out,
-    judged,
-    log_loss,
-    reliability,
-)
+from benchmarks.presence.fit import EVIDENCE, at_share, brier, held_out, judged, log_loss, reliability
 from benchmarks.rows import Rows, collect_page, read_source, rows_option, stamp
 from egosplat.errors import UserError
 from egosplat.evaluation.options import recorded_options
-from egosplat.files import write_text
-from egosplat.query.grades import FITS, LEAST_FOUND, LEAST_GUESS, held_keys, read_fits
+from egosplat.query.calibrate import write_fit
+from egosplat.query.grades import FITS, LEAST_FOUND, LEAST_GUESS, held_keys
 from egosplat_rivals.scored_scenes import FULL, VALIDATION, ScoredScene, read_scored_scene
 
 # Shares of the words of readers that name what is there; the fit's own is near the first.
@@ -82,13 +72,10 @@ def reliability_table(asked: pd.DataFrame, p: pd.Series) -> str:
 
 def evidence_table(asked: pd.DataFrame) -> str:
     """Log-likelihood and Brier score in scenes left out, with less evidence and with all."""
-    rows = [
-        ("none", asked["true"].groupby(asked["scene"]).transform(lambda own: _mean_of_others(asked, own)))
-    ]
-    rows += [(", ".join(names), held_out(asked, names)) for names in LESS]
-    table = [
-        [name, f"{log_loss(p, asked['true']):.3f}", f"{brier(p, asked['true']):.3f}"] for name, p in rows
-    ]
+    true = asked["true"]
+    none = true.groupby(asked["scene"]).transform(lambda own: true.drop(own.index).mean())
+    rows = [("none", none), *((", ".join(names), held_out(asked, names)) for names in LESS)]
+    table = [[name, f"{log_loss(p, true):.3f}", f"{brier(p, true):.3f}"] for name, p in rows]
     return markdown(("evidence", "log loss", "Brier score"), table)
 
 
@@ -99,11 +86,7 @@ def fitted(rows: Rows) -> str:
     return f"{shares_table(asked, p)}\n\n{reliability_table(asked, p)}"
 
 
-def _mean_of_others(asked: pd.DataFrame, own: pd.Series) -> float:
-    return float(asked["true"].drop(own.index).mean())
-
-
-def write_fit(scenes: Sequence[ScoredScene], asked: pd.DataFrame) -> None:
+def write_fits(scenes: Sequence[ScoredScene], asked: pd.DataFrame) -> None:
     """Write the fit on all rows beside the code, in place of that of the same OpenCLIP.
 
     Raises:
@@ -111,17 +94,11 @@ def write_fit(scenes: Sequence[ScoredScene], asked: pd.DataFrame) -> None:
     """
     documents = [one.document for one in scenes]
     clips = {one["models"]["clip_checkpoint"]["hash"] for one in documents}
-    keys = [held_keys(recorded_options(one["provenance"]["options"])) for one in documents]
-    if len(clips) != 1 or any(one != keys[0] for one in keys):
+    options = [recorded_options(one["provenance"]["options"]) for one in documents]
+    if len(clips) != 1 or any(held_keys(one) != held_keys(options[0]) for one in options):
         raise UserError("a fit holds for one OpenCLIP and one section query; the scenes have several")
-    intercept, *weights = fit_logistic(asked[[*EVIDENCE]].to_numpy(float), asked["true"].to_numpy(float))
-    numbers = {"intercept": intercept} | dict(zip(EVIDENCE, weights, strict=True))
-    numbers |= dict(zip(("present_share", "misplaced"), errors(asked), strict=True))
-    row = {"clip": clips.pop()} | keys[0] | {name: f"{value:.4f}" for name, value in numbers.items()}
-    row |= {"scenes": " ".join(asked["scene"].unique())}
-    rows = read_fits() | {row["clip"]: row}
-    lines = [[*row], *([one[name] for name in row] for one in rows.values())]
-    write_text(FITS, "".join(",".join(map(str, line)) + "\n" for line in lines))
+    about = clips.pop(), options[0], " ".join(asked["scene"].unique())
+    write_fit(FITS, about, *(asked[one].to_numpy(float) for one in ([*EVIDENCE], "true", "present")))
 
 
 @command(__doc__)
@@ -142,7 +119,7 @@ def main(folders: tuple[Path, ...], fit: bool, rows: Path | None) -> None:
             raise UserError(
                 "--fit takes folders of scenes: their metrics.json tells the OpenCLIP and the keys"
             )
-        write_fit([read_scored_scene(folder / "metrics.json") for folder in folders], asked)
+        write_fits([read_scored_scene(folder / "metrics.json") for folder in folders], asked)
 
 
 if __name__ == "__main__":

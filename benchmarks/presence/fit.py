@@ -8,11 +8,9 @@ from numpy.typing import NDArray
 from scipy.special import expit, logit
 
 from benchmarks.rows import EVIDENCE
+from egosplat.query.calibrate import errors, fit_logistic
 from egosplat.query.grades import log_odds, shift_log_odds
 from egosplat.query.text import name_parts
-
-# Penalty on the squares of the weights, but for the intercept: it keeps them finite where a scene has no wrong answer.
-RIDGE = 0.1
 
 Floats = NDArray[np.float64]
 
@@ -35,30 +33,12 @@ def judged(rows: pd.DataFrame) -> pd.DataFrame:
     )
 
 
-def errors(rows: pd.DataFrame) -> tuple[float, float]:
-    """The share of queries whose thing is there, and of the wrong answers the share of those to these."""
-    present, wrong = rows["present"] == 1, rows["true"] == 0
-    return float(present.mean()), float(present[wrong].mean())
-
-
 def at_share(p: pd.Series, rows: pd.DataFrame, share: float) -> tuple[pd.Series, pd.Series]:
     """Probabilities for a reader of whose words a share is there, and what each query counts for him."""
-    own, misplaced = errors(rows)
-    shifted = expit(logit(p) + shift_log_odds(own, misplaced, share))
     present = rows["present"] == 1
+    own, misplaced = errors(present, rows["true"])
+    shifted = expit(logit(p) + shift_log_odds(own, misplaced, share))
     return shifted, present * share / own + ~present * (1 - share) / (1 - own)
-
-
-def fit_logistic(x: Floats, y: Floats) -> Floats:
-    """Intercept and weights (1 + F,) of a logistic regression of (N,) 0 or 1 on (N, F), by Newton's method."""
-    design = np.column_stack([np.ones(len(x)), x])
-    penalty = RIDGE * np.diag([0.0] + [1.0] * x.shape[1])
-    found = np.zeros(design.shape[1])
-    for _ in range(50):
-        p = expit(design @ found)
-        curvature = (design * (p * (1 - p))[:, None]).T @ design + penalty + 1e-9 * np.eye(len(penalty))
-        found = found - np.linalg.solve(curvature, design.T @ (p - y) + penalty @ found)
-    return found
 
 
 def predict(weights: Floats, x: Floats) -> Floats:

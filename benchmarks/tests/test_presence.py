@@ -5,23 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
 
 from benchmarks.presence import __main__ as page
-from benchmarks.presence.fit import (
-    at_share,
-    brier,
-    errors,
-    fit_logistic,
-    held_out,
-    judged,
-    predict,
-    reliability,
-)
+from benchmarks.presence.fit import at_share, brier, held_out, judged, predict, reliability
 from benchmarks.rows import EVIDENCE
+from egosplat.cli.scenes import calibrate
 from egosplat.errors import UserError
 from egosplat.query import grades as calibration
+from egosplat.query.calibrate import fit_logistic, run
+from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import Evidence, grading_of, read_fits
 from egosplat.query.options import QueryOptions
+from egosplat.query.text import words_to_try
 from tests.support.rows import SCENES, some_rows
 
 
@@ -88,21 +84,15 @@ def test_a_fit_is_read_as_it_was_written(tmp_path, monkeypatch):
     """The fit of another OpenCLIP stays, and validation apartments take no part."""
     for module in (page, calibration):
         monkeypatch.setattr(module, "FITS", tmp_path / "fits.csv")
-    (tmp_path / "fits.csv").write_text("clip\n")
     rows = page.asked_of(some_rows())
-    own, _ = errors(rows)
+    own = float((rows["present"] == 1).mean())
     options = QueryOptions(present_share=own)
     monkeypatch.setattr(page, "recorded_options", lambda _: options)
-    try:
-        for clip in ("other", "cafe"):
-            read_fits.cache_clear()
-            document = {"models": {"clip_checkpoint": {"hash": clip}}, "provenance": {"options": {}}}
-            page.write_fit([SimpleNamespace(document=document)] * 2, rows)
-        read_fits.cache_clear()
-        assert set(read_fits()) == {"other", "cafe"}
-        found = grading_of("cafe", options).calibration
-    finally:
-        read_fits.cache_clear()
+    for clip in ("other", "cafe"):
+        document = {"models": {"clip_checkpoint": {"hash": clip}}, "provenance": {"options": {}}}
+        page.write_fits([SimpleNamespace(document=document)] * 2, rows)
+    assert set(read_fits()) == {"other", "cafe"}
+    found = grading_of("cafe", options).calibration
     expected = fit_logistic(rows[[*EVIDENCE]].to_numpy(float), rows["true"].to_numpy())
     values = rows[[*EVIDENCE]].iloc[0].astype(float)
     assert found.probability(Evidence(**values)) == pytest.approx(
@@ -116,3 +106,44 @@ def test_validation_apartments_take_no_part():
     table["scene"] = table["scene"].replace({SCENES[0]: "adt/scene6", SCENES[1]: "adt/scene1"})
     with pytest.raises(UserError, match="two scenes"):
         page.asked_of(rows)
+
+
+def test_grades_of_a_scene_follow_judgements_of_its_user(word_scene):
+    scene = open_scene(word_scene())
+    own, labels, shipped = scene.folder / "grades.csv", scene.folder / "labels.csv", scene.grading()
+    answers = sorted(scene.ask(*words_to_try(scene.clip)), key=lambda one: -one.candidates[0].score)
+    kinds = ["right"] * 10 + ["wrong"] * 4 + ["absent"] * 12
+    lines = [f"{one.phrase},{kind}" for one, kind in zip(answers, kinds, strict=False)]
+    labels.write_text("\n".join(["phrase,label", *lines]))
+    for _ in range(2):  # the second fit takes the place of the first one
+        done = CliRunner().invoke(calibrate, [str(scene.folder), str(labels)], catch_exceptions=False)
+        assert done.exit_code == 0 and "10 right, 4 wrong, 12 absent" in done.output
+        assert len(read_fits(own)) == 1
+    assert scene.grading().calibration not in (shipped.calibration, None)
+    assert scene.ask(answers[0].phrase)[0].grade == "found"
+    assert open_scene(scene.folder, min_score=0.6).grading().measure == "score", "it holds for its keys alone"
+    own.write_text("clip,intercept\nx,y\n")
+    with pytest.raises(UserError, match=f"{own}: is damaged; remove it"):
+        scene.ask("cup")
+
+
+@pytest.mark.parametrize(
+    "text, told",
+    [
+        ("", "phrase,label"),
+        ("word,label\ncup,right\n", "word,label"),
+        ("phrase,label\ncup,good\n", "line 2"),
+        ("phrase,label\n\ncup,right,1\n", "line 3"),
+        ("phrase,label\ncup,right\ncup,absent\n", "line 3"),
+        (
+            'phrase,label\n"cup",right\n\ncouch,absent\nzeppelin,absent\n',
+            "judges 2 .* 1 right, 0 wrong, 1 absent",
+        ),
+    ],
+)
+def test_judgements_that_fit_nothing_are_refused(word_scene, text, told):
+    scene = open_scene(word_scene())
+    (labels := scene.folder / "labels.csv").write_text(text)
+    with pytest.raises(UserError, match=f"{labels}: .*{told}"):
+        list(run(scene, labels))
+    assert not (scene.folder / "grades.csv").exists()

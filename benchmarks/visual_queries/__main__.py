@@ -22,7 +22,7 @@ from egosplat.artifacts.schemas import FRAMES
 from egosplat.geometry import invert, transform
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
-from egosplat.query.like import Alike, Looks, see
+from egosplat.query.like import SIMILARITY, Alike, Looks, see
 
 # Pixels of a thing in a frame from which it is cut out; crops of a thing in each half.
 LEAST_PIXELS, CROPS = 150, 3
@@ -66,8 +66,8 @@ def ask(folder: Path) -> Iterator[dict[str, Any]]:
 
 def _judged(things: list[Alike]) -> dict[str, Any]:
     best, *others = things
-    lead = best.score - others[0].score if others else 1.0
-    return {"grade": best.grade, "similarity": best.score, "lead": lead, "center": best.center}
+    lead, grade = best.score - others[0].score if others else 1.0, SIMILARITY.grade(best.score)
+    return {"grade": grade, "similarity": best.score, "lead": lead, "center": best.center}
 
 
 def table(rows: pd.DataFrame) -> str:

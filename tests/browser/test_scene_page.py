@@ -225,6 +225,16 @@ def test_the_list_of_what_is_here_goes_to_each_thing_and_tells_what_is_carried(s
     page.locator("#history button", has_text="Carried").first.wait_for()
 
 
+def test_judgements_of_answers_are_kept_as_a_file_for_calibrate(scene):
+    page = scene()
+    for word, kind in (("couch", "Right"), ("cup", "Wrong"), ("wall", "Right"), ("wall", "Not here")):
+        page.evaluate(ASK, word)
+        page.get_by_role("button", name=kind, exact=True).click()
+    with page.expect_download() as download:
+        page.click("#labels")
+    assert download.value.path().read_text() == 'phrase,label\n"couch",right\n"cup",wrong\n"wall",absent\n'
+
+
 def test_a_click_names_what_is_there(scene):
     page = scene()
     page.evaluate(SET_VIEW, AHEAD)

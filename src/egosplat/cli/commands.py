@@ -28,7 +28,7 @@ from egosplat.progress import log, name_lines, show_log
 # The groups of commands in ``--help``; all others are stages, or pages of several scenes.
 _GROUPS = {
     "Make a scene": ("run",),
-    "Ask and look": ("query", "catalog", "name", "view", "page", "export", "movie", "check"),
+    "Ask and look": ("query", "catalog", "name", "calibrate", "view", "page", "export", "movie", "check"),
     "Set up": ("doctor", "models", "keys", "snakefile"),
 }
 

@@ -1,4 +1,4 @@
-"""Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``catalog``, ``page``, ``view``, ``export`` and ``movie``."""
+"""Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``calibrate``, ``page``, ``view``, ``export`` and ``movie``."""
 
 import json
 import shlex
@@ -127,6 +127,18 @@ def name(folder: Path, thing: str, name: str, options: AskingOptions) -> None:
 
 # A place may begin with a minus.
 name.ignore_unknown_options = True
+
+
+@on_folder(AskingOptions, "query", "Fit the grades of a finished scene to your own judgements.")
+@click.argument("labels", type=FILE)
+def calibrate(folder: Path, labels: str, options: AskingOptions) -> None:
+    """Fit the grades of FOLDER to LABELS: a .csv with the line phrase,label and lines as cup,right or cup,wrong or cup,absent."""
+    check_scene_folder(folder, ASKED)
+    from egosplat.query.calibrate import run
+    from egosplat.query.finished_scene import open_scene
+
+    for line in run(open_scene(folder, options), Path(labels)):
+        click.echo(line)
 
 
 @on_folder(ScenePageOptions, "scene_page", "Write a finished scene as one HTML file to share.")
@@ -258,4 +270,4 @@ def run(
         show_scene(folder, PageOptions(), "127.0.0.1", 0, browse=True)
 
 
-COMMANDS = (run, query, catalog, name, view, page, export, movie)
+COMMANDS = (run, query, catalog, name, calibrate, view, page, export, movie)

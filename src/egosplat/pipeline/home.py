@@ -27,8 +27,8 @@ _SCENE = re.compile(r"(?:\./)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
 SETTINGS = "EGOSPLAT_SETTINGS"  # environment variable: what Snakemake's command sets, for artifacts to record
 EXAMPLE = "results/adt/scene1"  # of a scene's folder, for messages
 
-# Where a scene keeps names: beside its artifacts, and neither an input nor an output of a stage.
-NAMES = "names.json"
+# Where a scene keeps names, and its own fit of grades: beside its artifacts, and neither an input nor an output of a stage.
+NAMES, OWN_FITS = "names.json", "grades.csv"
 
 # Artifacts of a scene that can be asked; its codes name one more, features or tiles.
 ASKED = ("frames", "poses", "splats", "language")

@@ -15,7 +15,7 @@ from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import track
 from egosplat.query.answers import NOTHING, Answer, as_json
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import NOT_ASKED, Grading
+from egosplat.query.grades import NOT_ASKED, Grading, by_score
 from egosplat.query.scene import Viewpoint
 
 # Maximum number of answers in the picture; the table has all of them.
@@ -48,7 +48,7 @@ def run(
     place = "the whole scene" if viewpoint is None else viewpoint.name
     notice = notice_of_artifacts(scene.made_from.found.values())
     lines = [f"{scene.folder}, {place}, origin {scene.origin}", notice]
-    grading, columns = Grading(None, scene.options.min_score), ("pixel", "position [{}]")
+    grading, columns = by_score(scene.options.min_score), ("pixel", "position [{}]")
     if viewpoint is None:
         grading, columns = scene.grading(), ("center [{}]", "size [{}]", "frame")
         # A view is never calibrated; saying so with each would tell nothing.

@@ -25,6 +25,7 @@ from egosplat.pipeline.home import ASKED, check_scene_folder
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query import grades
 from egosplat.query.answers import Answer, Moving, Thing, ViewMatch
+from egosplat.query.contest import Contest
 from egosplat.query.maps import Mask, innermost
 from egosplat.query.moving import Tracks
 from egosplat.query.options import MOST, AskingOptions, QueryOptions
@@ -303,16 +304,26 @@ class Scene:
         texts = self.encode(phrases, options)
         if viewpoint is None:
             # The evidence for the best thing needs the next one.
-            every = ask_scene(self.asked, self.surface, texts, options, max(2, most))
+            many = max(_MANY if self.contest else 2, most)
+            every = ask_scene(self.asked, self.surface, texts, options, many)
             rows = zip(texts.phrases, every, strict=True)
             return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
         matches = Asker(self.asked, texts, options, self.rests).ask(texts.phrases, self.camera, viewpoint)
-        grading = grades.Grading(None, options.min_score)
-        return (grades.judge_view(one, explain_untaught(self.clip, one.phrase), grading) for one in matches)
+        grading = grades.by_score(options.min_score)
+        return (grades.judge_view(one, self._unknown(texts.of([one.phrase])), grading) for one in matches)
+
+    def _unknown(self, query: Texts) -> grades.Unknown:
+        """Words of one query that are not known, and what is told of them, or that other words win in the scene."""
+        untaught, refusal = explain_untaught(self.clip, *query.phrases)
+        if refusal is None and self.contest and self.contest.best(query) < grades.AMONG_WORDS.found:
+            refusal = grades.AMONG_WORDS.below
+        return untaught, refusal
 
     def _judged(self, query: Texts, things: Sequence[Thing], most: int, options: QueryOptions) -> Answer:
         """The verdict on the things that match one query best, with what is known of where it was carried."""
         [phrase], grading = query.phrases, self.grading(options)
+        if self.contest:
+            things = self.contest.rate(query, things, options.min_score)
         fit = grading.calibration
         pairs = zip(things, grades.measure_evidence(things), strict=True)
         things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
@@ -385,7 +396,14 @@ class Scene:
 
     def grading(self, options: QueryOptions | None = None) -> grades.Grading:
         """How answers of the whole scene are graded."""
-        return grades.grading_of(self.encoded.facts["clip"]["hash"], options or self.options)
+        return grades.grading_of(self.encoded.facts["clip"]["hash"], options or self.options, self.folder)
+
+    @cached_property
+    def contest(self) -> Contest | None:
+        """Words of homes against which a query has to win; None for an OpenCLIP whose answers come calibrated."""
+        if self.encoded.facts["clip"]["hash"] in grades.read_fits():
+            return None
+        return Contest(self.trained, self.clip, self.options)
 
     @cached_property
     def _words(self) -> Texts:

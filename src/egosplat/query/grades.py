@@ -5,14 +5,15 @@ import csv
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
+from egosplat.errors import UserError
 from egosplat.histories.known import Histories
 from egosplat.histories.told import Carried
+from egosplat.pipeline.home import OWN_FITS
 from egosplat.query.answers import Answer, Evidence, Thing, ViewMatch
 from egosplat.query.options import HELD, QueryOptions
 from egosplat.query.relevancy import relevancy
@@ -60,37 +61,21 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Grading:
-    """How answers are graded: by their probability where a calibration holds; else, and in one view, by their score, for which
-    ``query.min_score`` is the least of an answer that is found."""
+    """How answers are graded by a ``measure``, 0 to 1: the least of what is found, and of a best guess.
 
-    calibration: Calibration | None
-    least: float
+    A ``notice`` says what that means; what is told ``below`` may have the value in braces.
+    """
 
-    @property
-    def measure(self) -> str:
-        """Name of what is graded."""
-        return "score" if self.calibration is None else "probability"
-
-    @property
-    def notice(self) -> str:
-        """A line on what the grades mean."""
-        if (fit := self.calibration) is not None:
-            share = f"where {fit.present_share:.0%} of the words asked are here (query.present_share)"
-            return f"{share}, found is right in at least 2 of 3 cases, a best guess in 1 of 4"
-        return (
-            f"not calibrated: an answer is found from a score of {self._limit}, and there are no best guesses"
-        )
-
-    @property
-    def _limit(self) -> str:
-        # All its digits, two at least: a rounded limit would contradict the verdict.
-        return max(f"{self.least:.2f}", f"{self.least:g}", key=len)
+    measure: str
+    found: float
+    guess: float
+    notice: str
+    below: str = NOTHING_LIKE_IT
+    calibration: Calibration | None = None
 
     def grade(self, value: float) -> str:
-        """Grade a probability, or without a calibration a score."""
-        if self.calibration is None:
-            return FOUND if value >= self.least else NOT_FOUND
-        return FOUND if value >= LEAST_FOUND else GUESS if value >= LEAST_GUESS else NOT_FOUND
+        """Grade a value of the measure."""
+        return FOUND if value >= self.found else GUESS if value >= self.guess else NOT_FOUND
 
     def shown(self, value: float) -> str:
         """A graded number with two decimals, which have its grade also where rounding crosses a limit."""
@@ -99,10 +84,30 @@ class Grading:
 
     def refusal(self, value: float) -> str | None:
         """Why an answer is not found; None if it is found or a best guess."""
-        if self.grade(value) != NOT_FOUND:
-            return None
-        below = f"not found: the best match is below {self._limit}"
-        return below if self.calibration is None else NOTHING_LIKE_IT
+        return self.below.format(value) if self.grade(value) == NOT_FOUND else None
+
+
+def by_probability(fit: Calibration) -> Grading:
+    """Grades by the probability of a calibration."""
+    share = f"where {fit.present_share:.0%} of the words asked are here (query.present_share)"
+    notice = f"{share}, found is right in at least 2 of 3 cases, a best guess in 1 of 4"
+    return Grading("probability", LEAST_FOUND, LEAST_GUESS, notice, calibration=fit)
+
+
+def by_score(least: float) -> Grading:
+    """Grades by the score alone, of which ``query.min_score`` is the ``least``."""
+    # All its digits, two at least: a rounded limit would contradict the verdict.
+    limit = max(f"{least:.2f}", f"{least:g}", key=len)
+    notice = f"not calibrated: an answer is found from a score of {limit}, and there are no best guesses"
+    return Grading("score", least, least, notice, f"not found: the best match is below {limit}")
+
+
+# Grades where nobody has calibrated an OpenCLIP, by how a query stands among words of homes (egosplat.query.contest).
+_CALIBRATE = "egosplat calibrate SCENE labels.csv fits grades to your judgements"
+_NOTICE = f"not calibrated: an answer has to win against a thousand words of homes; {_CALIBRATE}"
+AMONG_WORDS = Grading(
+    "score", 0.9, 0.5, _NOTICE, "not found: other words of homes fit better wherever it fits"
+)
 
 
 def log_odds(p: float) -> float:
@@ -111,22 +116,30 @@ def log_odds(p: float) -> float:
     return math.log(p / (1 - p))
 
 
-def grading_of(clip_hash: str, options: QueryOptions) -> Grading:
-    """The grading of answers that an OpenCLIP gives; a calibration holds for the options it was made with."""
-    row = read_fits().get(clip_hash)
-    if row is None or held_keys(options) != {name: row[name] for name in HELD}:
-        return Grading(None, options.min_score)
+def grading_of(clip_hash: str, options: QueryOptions, scene: Path | None = None) -> Grading:
+    """The grading of answers that an OpenCLIP gives, in a scene's folder. A calibration holds for the options it
+    was made with, the scene's own before that of all (UserError: the scene's is damaged)."""
+    shipped = read_fits()
+    own = read_fits(scene / OWN_FITS) if scene and (scene / OWN_FITS).exists() else {}
+    for row in (fits[clip_hash] for fits in (own, shipped) if clip_hash in fits):
+        if held_keys(options) == {name: row[name] for name in HELD}:
+            return by_probability(_calibration(row, options.present_share))
+    return by_score(options.min_score) if clip_hash in shipped else AMONG_WORDS
+
+
+def _calibration(row: Mapping[str, str], asked: float) -> Calibration:
+    """The calibration of a row of ``FITS``, for a reader of whose words this share is there."""
     weights = {name: float(row[name]) for name in Evidence.__dataclass_fields__}
-    asked, misplaced, own = options.present_share, float(row["misplaced"]), float(row["present_share"])
-    intercept = float(row["intercept"]) + shift_log_odds(own, misplaced, asked)
-    return Grading(Calibration(intercept, weights, asked), options.min_score)
+    shift = shift_log_odds(float(row["present_share"]), float(row["misplaced"]), asked)
+    return Calibration(float(row["intercept"]) + shift, weights, asked)
 
 
 def shift_log_odds(own: float, misplaced: float, asked: float) -> float:
     """What log-odds of a fit gain if a share ``asked`` of queries names what is there, in place of its ``own``: errors on what is absent
     become rarer by the ratio of the odds; the share ``misplaced``, on what is there, stays."""
     rarer = (1 - asked) / asked * own / (1 - own)
-    return -math.log(misplaced + (1 - misplaced) * rarer)
+    # A fit without a wrong answer on what is there has no limit for who asks of that alone.
+    return -math.log(max(misplaced + (1 - misplaced) * rarer, 1e-6))
 
 
 def held_keys(options: QueryOptions) -> dict[str, str]:
@@ -135,11 +148,15 @@ def held_keys(options: QueryOptions) -> dict[str, str]:
     return {"canonical": " ".join(options.canonical)} | numbers
 
 
-@cache
-def read_fits() -> dict[str, dict[str, str]]:
-    """The rows of ``FITS`` by the hash of their OpenCLIP."""
-    with FITS.open(newline="", encoding="utf-8") as lines:
-        return {row["clip"]: row for row in csv.DictReader(lines)}
+def read_fits(path: Path | None = None) -> dict[str, dict[str, str]]:
+    """The rows of ``FITS``, or of the file of a scene, by the hash of their OpenCLIP (UserError: that is damaged)."""
+    with (path or FITS).open(newline="", encoding="utf-8", errors="replace") as lines:
+        rows = [*csv.DictReader(lines)]
+    try:
+        return {row["clip"]: row for row in rows if [row[name] for name in HELD] and _calibration(row, 0.5)}
+    except (ArithmeticError, KeyError, TypeError, ValueError):
+        what = "is damaged; remove it, and run egosplat calibrate again"
+        raise UserError(f"{path or FITS}: {what}") from None
 
 
 def measure_evidence(things: Sequence[Thing]) -> list[Evidence]:
@@ -177,7 +194,7 @@ def fits_as_well(features: Tensor, own: Tensor, others: Tensor) -> Tensor:
 
 
 def judge(
-    phrase: str, things: Sequence[Thing], unknown: Unknown, grading: Grading, most: int, coded: bool
+    phrase: str, things: Sequence[Thing], unknown: Unknown, grading: Grading, most: int, coded: bool = True
 ) -> Answer:
     """Judge the things that match a query of the whole scene, by decreasing score, with probabilities where a calibration
     holds, and show ``most`` of them. Words that the model was not trained on are ``unknown``; ``coded`` tells whether any Gaussian

@@ -24,13 +24,13 @@ from egosplat.pipeline.home import NAMES
 from egosplat.query.answers import Answer, Thing
 from egosplat.query.command import align_rows, show_point, show_size
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import FOUND, GUESS, NOT_FOUND
-from egosplat.query.options import MOST
+from egosplat.query.grades import Grading, judge
 from egosplat.query.text import clean_phrase
 from egosplat.query.things import EXTENT, SAME
 
-# Least similarity of a thing that is found, and of a best guess (benchmarks/visual_queries).
-LIMITS = {FOUND: 0.9, GUESS: 0.86}
+# Grades of the things that are like a picture (benchmarks/visual_queries).
+_UNLIKE = "not found: no thing here looks like it (the most alike has a similarity of {:.2f})"
+SIMILARITY = Grading("similarity", 0.9, 0.86, "", _UNLIKE)
 
 # What is in the middle of a picture, by these shares of its sides, is compared, too: it may show more than its thing.
 _MIDDLES = (1.0, 0.87, 0.77)
@@ -62,11 +62,6 @@ class Alike(Thing):
     instance: int = -1
     box: tuple[int, ...] = ()
     last_s: float = 0.0
-
-    @property
-    def grade(self) -> str:
-        """``found``, ``best guess`` or ``not found``."""
-        return next((grade for grade, least in LIMITS.items() if self.score >= least), NOT_FOUND)
 
 
 class Looks:
@@ -182,15 +177,6 @@ def _encode(clip: OpenClip, crops: Sequence[Pixels]) -> Array:
     return np.nan_to_num(encode(clip, np.stack(squares))).astype(np.float64)
 
 
-def judge(name: str, things: Sequence[Alike], most: int = MOST) -> Answer:
-    """The answer of at most ``most`` things to what is asked under a name, by all that are compared, the most alike first."""
-    grade, similarity = (things[0].grade, things[0].score) if things else (NOT_FOUND, 0.0)
-    like = f" (the most alike has a similarity of {similarity:.2f})" if things else ""
-    refusal = f"not found: no thing here looks like it{like}" if grade == NOT_FOUND else None
-    shown = tuple(one for one in things[:most] if one.grade == grade and not refusal)
-    return Answer(name, grade, similarity, refusal=refusal, things=shown, candidates=tuple(things))
-
-
 def give_name(scene: Scene, thing: str | int, name: str) -> Alike:
     """Keep a name for an instance, or for the thing at a place, or that a word finds, beside the scene. Raises as ``Looks.named``."""
     if not (key := clean_phrase(name).lower()):
@@ -248,7 +234,7 @@ def ask_looks(
     for asked in (*shown, *names):
         wanted = shown[asked] if asked in shown else looks.called(asked, names)
         things = looks.find(wanted, max(2, most), asked in shown)
-        yield judge(asked, things, most), things
+        yield judge(asked, things, ((), None), SIMILARITY, most), things
 
 
 def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:
@@ -258,7 +244,7 @@ def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:
         size = show_size(one.size) if len(one.members) else "moves"
         told = show_point(one.center), size, str(one.frame), clock(one.last_s)
         name, ahead = ("", "") if rows else (answer.phrase, lead)
-        rows.append((name, one.grade, f"{one.score:.2f}", ahead, *told))
+        rows.append((name, answer.grade, f"{one.score:.2f}", ahead, *told))
     return rows
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from egosplat.geometry import Array, ground_axes
 from egosplat.query.answers import Answer, Thing
-from egosplat.query.grades import NOT_FOUND, Grading
+from egosplat.query.grades import NOT_FOUND, Grading, judge
 from egosplat.query.reading import Question, with_article
 from egosplat.query.text import WORDS
 from egosplat.query.things import EXTENT, Surface, quantiles
@@ -165,10 +165,7 @@ def relate(
         elif question.relation:
             things = [*space.related(question.relation, things, anchors)]
         if things:
-            best, grade = things[0], grading.grade(things[0].rating)
-            shown = tuple(one for one in things if grading.grade(one.rating) == grade)
-            verdict = best.score, best.probability
-            kept.append(Answer(answer.phrase, grade, *verdict, things=shown, candidates=shown))
+            kept.append(judge(answer.phrase, things, ((), None), grading, len(things)))
         elif question.phrase:
             why = lacking or answer.refusal or f"{with_article(answer.phrase)}, but {told}"
             grade = answer.grade if why == answer.refusal else NOT_FOUND

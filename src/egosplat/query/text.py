@@ -5,11 +5,13 @@ import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
+from torch.func import functional_call
 
 from egosplat.errors import UserError
 from egosplat.language.vectors import unit, usable
@@ -87,12 +89,13 @@ def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) 
     return replace(texts, names=Names(words.queries, others, options.name_weight))
 
 
-def other_meanings(query: Texts, words: Texts) -> Tensor:
-    """(W,) bool, the words that name something else than the one query: no synonym, no kind of it, nor what it is a kind of, as
-    "table" for "side table", and no part of these."""
+def other_meanings(query: Texts, words: Texts, nearest: int = 0) -> Tensor:
+    """(W,) bool, the words that name something else than the one query: no synonym, of which there are as many as are ``nearest`` at most,
+    or any number for 0; no kind of it, nor what it is a kind of, as "table" for "side table", and no part of these."""
     phrase, fits = query.phrases[0].lower(), (words.queries @ query.queries[0]).tolist()
+    least = max(SYNONYM, sorted(fits)[-nearest:][0]) if nearest else SYNONYM
     kinds = {word for word in words.phrases if is_kind(word, phrase) or is_kind(phrase, word)}
-    alike = kinds | {phrase, *(word for word, fit in zip(words.phrases, fits, strict=True) if fit >= SYNONYM)}
+    alike = kinds | {phrase, *(word for word, fit in zip(words.phrases, fits, strict=True) if fit >= least)}
     alike |= name_parts(alike)
     return torch.tensor([word not in alike for word in words.phrases], dtype=torch.bool)
 
@@ -108,21 +111,37 @@ def name_parts(phrases: Iterable[str]) -> set[str]:
     return {part for whole in wholes for part in PARTS[whole]}
 
 
-def encode_phrases(clip: OpenClip, phrases: Sequence[str]) -> Tensor:
-    """Encode P phrases as (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases (UserError: as ``refuse_phrase``, or a
-    feature is zero or not finite)."""
+def encode_phrases(clip: OpenClip, phrases: Sequence[str], short: bool = False) -> Tensor:
+    """Encode P phrases as (P, D) float32 of unit norm, on the CPU; (0, 0) without phrases; ``short`` ones faster, up to rounding (UserError:
+    as ``refuse_phrase``, or a feature is zero or not finite)."""
     if not phrases:
         return torch.zeros(0, 0)
     for phrase in phrases:
         if refusal := refuse_phrase(clip, phrase):
             raise UserError(f"query {phrase[:80]!r}: {refusal}")
     tokens = clip.tokenizer([clean_phrase(phrase) for phrase in phrases])
+    read = partial(_encode_short, clip.model) if short else clip.model.encode_text
     with clip.compute.inference():
-        features = clip.model.encode_text(tokens.to(clip.compute.device)).float().cpu().numpy()
+        features = read(tokens.to(clip.compute.device)).float().cpu().numpy()
     for phrase, good in zip(phrases, usable(features), strict=True):
         if not good:
             raise UserError(f"query {phrase!r}: models.clip_checkpoint gives a zero or non-finite feature")
     return torch.from_numpy(unit(features)).float()
+
+
+def _encode_short(model: Any, tokens: Tensor) -> Tensor:
+    """Encode texts only as far as the longest of each hundred goes: in OpenAI's tower, nothing behind its end has a part in a text."""
+    if not hasattr(model, "attn_mask"):
+        return model.encode_text(tokens)
+    encoded = []
+    for part in tokens.split(100):
+        end = int(part.argmax(dim=1).max()) + 1
+        cut = {
+            "positional_embedding": model.positional_embedding[:end],
+            "attn_mask": model.attn_mask[:end, :end],
+        }
+        encoded.append(functional_call(model, cut, kwargs={"text": part[:, :end]})[1])
+    return torch.cat(encoded)
 
 
 _encode_again = lru_cache(maxsize=2)(encode_phrases)

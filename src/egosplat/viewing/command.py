@@ -83,7 +83,7 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
     path = folder / _PAGE.output
     page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
     facts = unpack(data)[0] if (data := data_of(page)) else {}
-    if not record_of(artifacts.values(), keys).items() <= facts.items():
+    if not record_of(artifacts.values(), keys, folder).items() <= facts.items():
         from egosplat.viewing.stage import make_page
 
         log(f"{folder}: making the page")

@@ -6,12 +6,14 @@ import json
 from collections.abc import Iterable, Mapping
 from html import escape
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import egosplat
 from egosplat.artifacts.reader import Artifact
+from egosplat.pipeline.home import OWN_FITS
 from egosplat.query.options import HELD
 from egosplat.viewing.options import ScenePageOptions
 
@@ -91,8 +93,8 @@ def served_html(page: str, asking: str) -> str:
     return page.replace('<html lang="en">', f'<html lang="en" data-asking="{escape(asking)}">', 1)
 
 
-def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions) -> Facts:
-    """The version, the artifacts' digests and the options: pages with equal records show and answer the same."""
+def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions, folder: Path) -> Facts:
+    """The version, the artifacts' digests, the options and a scene's own fit: pages with equal records show and answer the same."""
     values = options.as_dict()
     # The other keys change no answer of a whole scene, or say which OpenCLIP, which features.zarr tells.
     kept = (*HELD, "present_share", "max_gaussians")
@@ -100,6 +102,7 @@ def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions) -> Facts
         "version": egosplat.__version__,
         "made_from": {artifact.path.name: artifact.digest for artifact in artifacts},
         "options": {name: values[name] for name in kept},
+        "own_fit": own.read_text(errors="replace") if (own := folder / OWN_FITS).is_file() else "",
     }
 
 

@@ -52,7 +52,7 @@ def make_page(scene: Scene, options: ScenePageOptions, title: str) -> tuple[str,
     """Make the page of a scene that was opened with all inputs of the stage; with its facts."""
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
-    facts |= record_of(scene.given, options)
+    facts |= record_of(scene.given, options, scene.folder)
     return scene_html(f"{title}: egosplat", pack(facts, arrays)), facts
 
 
@@ -86,8 +86,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     grading = scene.grading(options)
     raster = {"margin": FRUSTUM_MARGIN, "blur": Arguments.__dataclass_fields__["eps2d"].default}
     keys = ("temperature", "segmentation_threshold", "box_filter", "min_score", "name_weight")
-    limits = {"calibration": grading.calibration and asdict(grading.calibration), "notice": grading.notice}
-    limits |= {"found": grades.LEAST_FOUND, "guess": grades.LEAST_GUESS, "nearest": NEAREST, "reach": REACH}
+    limits = asdict(grading) | {"nearest": NEAREST, "reach": REACH}
     limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "apart": APART, "fits": grades.LEAST_FIT}
     limits |= {"synonym": SYNONYM, "parts": PARTS}
     return {

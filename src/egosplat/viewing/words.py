@@ -10,8 +10,8 @@ from egosplat.models.without_compiler import without_compiler
 from egosplat.query.answers import Answer, as_json
 from egosplat.query.catalog import catalog
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import NOT_ASKED
-from egosplat.query.like import Looks, give_name, judge, read_names
+from egosplat.query.grades import NOT_ASKED, judge
+from egosplat.query.like import SIMILARITY, Looks, give_name, read_names
 from egosplat.query.options import MOST
 from egosplat.query.reading import PATTERNS
 from egosplat.query.sizes import Sizes, read_sizes
@@ -34,7 +34,8 @@ def pack_words(scene: Scene) -> tuple[Arrays, Facts]:
     """
     clip = scene.clip
     words = words_to_try(clip)
-    weights, tower = _tower(clip)
+    # The page alone knows no words of homes that have to be won against.
+    weights, tower = ({}, None) if scene.contest else _tower(clip)
     arrays = {
         "word_vectors": encode_phrases(clip, words).numpy(),
         "canonical_vectors": encode_phrases(clip, scene.options.canonical).numpy(),
@@ -70,7 +71,9 @@ def ask_for_page(scene: Scene, phrase: str = "", like: str = "", name: str = "")
     if like or key in known:
         looks = Looks(scene)
         own, features = (None, looks.called(key, known)) if key in known else looks.thing(instance)
-        answer = judge(key or "more like this", looks.find(features, MOST, but=own))
+        answer = judge(
+            key or "more like this", looks.find(features, MOST, but=own), ((), None), SIMILARITY, MOST
+        )
         return {"answers": [page_answer(answer) | {"measure": "similarity"}]}
     answers = scene.ask(phrase)
     best = next((one for one in answers if one.things), answers[0])

@@ -15,7 +15,7 @@ from egosplat.geometry import Camera
 from egosplat.pipeline.validation import schema
 from egosplat.query import grades, moving
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.grades import Grading
+from egosplat.query.grades import by_score
 from egosplat.query.moving import Tracks
 from egosplat.query.options import QueryOptions
 from egosplat.query.text import Texts
@@ -41,7 +41,7 @@ def found(*features, query=CUP, phrase="it", views=VIEWS, least=0.5, worn=()):
     tracks = Tracks(numbers, torch.stack(features), own, track.astype(int), frame.astype(int), share)
     words = Texts(("cup", "box", "bed"), torch.stack([CUP, BOX, BED]), OBJECT[None])
     asked = Texts((phrase,), query[None], OBJECT[None])
-    return tracks.find(asked, words, SECONDS, Grading(None, least), QueryOptions())
+    return tracks.find(asked, words, SECONDS, by_score(least), QueryOptions())
 
 
 def test_tracks_that_fit_better_than_every_other_word_are_told_together():

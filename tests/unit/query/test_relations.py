@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from egosplat.query.answers import Answer, Thing
-from egosplat.query.grades import FOUND, NOT_FOUND, Grading
+from egosplat.query.grades import FOUND, NOT_FOUND, by_score
 from egosplat.query.reading import Question
 from egosplat.query.relations import Space, relate
 
@@ -64,7 +64,7 @@ def told(space, phrase: str, relation: str, *anchors: str) -> Answer:
         Question(phrase, relation, tuple(map(Question, anchors))),
         (answer(space, a) for a in anchors),
     )
-    return next(relate(question, [answer(space, phrase)], [*others], Grading(None, 0.5), space))
+    return next(relate(question, [answer(space, phrase)], [*others], by_score(0.5), space))
 
 
 RIGHT = """cup on table; trash can under table; pillow on couch; lamp next to couch; ball in bowl; picture on wall; bowl on table;
@@ -92,11 +92,11 @@ def test_between_two_things_or_two_of_one_name(space):
     both = answer(space, "table").things + answer(space, "couch").things
     pair = Answer("seat", FOUND, 0.9, things=both)
     asked = Question("chair", "between", (Question("seat"),)), [answer(space, "chair")]
-    assert next(relate(*asked, [pair], Grading(None, 0.5), space)).things[0].frame == 0
+    assert next(relate(*asked, [pair], by_score(0.5), space)).things[0].frame == 0
 
 
 def test_what_is_absent_is_named_and_anything_is_listed_once(space):
-    grading, table = Grading(None, 0.5), [answer(space, "table")]
+    grading, table = by_score(0.5), [answer(space, "table")]
     question = Question("cup", "on", (Question("table"),))
     [lacking] = relate(question, [answer(space, "cup")], [answer(space, "table", NOT_FOUND)], grading, space)
     assert lacking.refusal == "a cup, but no table is found"

@@ -7,21 +7,11 @@ import torch
 
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.query import grades
-from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, Grading
+from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, by_probability, by_score
 from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.text import Texts, other_meanings
 
 FIT = Calibration(-1.0, {"size": 0.25, "fit": 1.0, "apart": 2.0}, 0.7)
-
-
-@pytest.mark.parametrize(
-    "p, grade",
-    [(2 / 3, FOUND), (0.6666, GUESS), (0.25, GUESS), (0.2499, NOT_FOUND), (1.0, FOUND), (0.0, NOT_FOUND)],
-)
-def test_a_probability_has_one_of_three_grades_and_is_shown_with_it(p, grade):
-    grading = Grading(FIT, 0.78)
-    assert grading.grade(p) == grade == grading.grade(float(grading.shown(p)))
-    assert (grading.refusal(p) is None) is (grade != NOT_FOUND) and "70%" in grading.notice
 
 
 def test_the_probability_is_the_logistic_of_the_evidence():
@@ -34,25 +24,21 @@ OTHERS = {"temperature": 5.0, "min_score": 0.5, "box_filter": 0.0, "segmentation
 OTHERS |= {"canonical": ("thing",), "size_weight": 0.0, "name_weight": 0.0}
 
 
-def test_a_fit_holds_for_its_openclip_and_its_keys_alone(monkeypatch):
+def test_a_fit_holds_for_its_openclip_and_its_keys_alone_and_the_bundled_one_has_a_fit(monkeypatch):
+    bundled = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
+    assert grades.grading_of(bundled, QueryOptions()).calibration is not None
     row = grades.held_keys(QueryOptions()) | {"intercept": "-1", "size": "2", "fit": "3", "apart": "4"}
     row |= {"present_share": "0.4", "misplaced": "0.2"}
     monkeypatch.setattr(grades, "read_fits", lambda: {"cafe": row})
-    own = grades.grading_of("cafe", QueryOptions(present_share=0.4))
-    assert own.calibration == Calibration(-1.0, {"size": 2.0, "fit": 3.0, "apart": 4.0}, 0.4)
+    own = Calibration(-1.0, {"size": 2.0, "fit": 3.0, "apart": 4.0}, 0.4)
+    assert grades.grading_of("cafe", QueryOptions(present_share=0.4)).calibration == own
     # Who asks of nothing that is absent meets the fifth of the errors that is on what is there.
     [sure] = [grades.grading_of("cafe", QueryOptions(present_share=1.0)).calibration]
     assert sure.intercept == pytest.approx(-1.0 + math.log(5))
-    others = [("beef", {}), *(("cafe", {key: value}) for key, value in OTHERS.items())]
-    for clip, keys in others:
-        options = QueryOptions(**keys)
-        grading = grades.grading_of(clip, options)
-        assert grading == Grading(None, options.min_score) and "not calibrated" in grading.notice, keys
-
-
-def test_the_bundled_openclip_has_a_fit_for_the_defaults():
-    digest = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
-    assert digest in grades.read_fits() and grades.grading_of(digest, QueryOptions()).calibration is not None
+    assert grades.grading_of("beef", QueryOptions()) == grades.AMONG_WORDS
+    for key, value in OTHERS.items():
+        options = QueryOptions(**{key: value})
+        assert grades.grading_of("cafe", options) == by_score(options.min_score), key
 
 
 @pytest.mark.parametrize(
@@ -86,13 +72,16 @@ def test_filters_are_langsplats_at_any_size():
         (0.7835, 0.784, "0.78"),
         (-1e-9, 0.0, "-0.01"),
         (math.nan, 0.5, "nan"),
-        *((score, 0.785, None) for score in (0.77499, 0.7849, 0.785, 0.7851)),
-        *((score, 0.775, None) for score in (0.77499, 0.7849)),
+        *((score, least, None) for least in (0.775, 0.785) for score in (0.77499, 0.7849, 0.785, 0.7851)),
+        *((p, None, None) for p in (2 / 3, 0.6666, 0.25, 0.2499, 1.0, 0.0)),
     ],
 )
-def test_a_score_is_shown_on_the_side_of_the_least_score(score, least, expected):
-    grading = Grading(None, least)
-    shown = grading.shown(score)
-    assert expected in (None, shown)
-    assert (float(shown) >= least) == (score >= least) == (grading.refusal(score) is None)
-    assert grading.grade(score) == (FOUND if score >= least else NOT_FOUND)
+def test_a_number_is_shown_on_the_side_of_the_limits_of_its_grade(score, least, expected):
+    grading = by_probability(FIT) if least is None else by_score(least)
+    shown, grade = grading.shown(score), grading.grade(score)
+    assert expected in (None, shown) and grading.grade(float(shown)) == grade
+    assert (grading.refusal(score) is None) is (grade != NOT_FOUND) and (least is None) == (
+        "70%" in grading.notice
+    )
+    found, guess = (2 / 3, 0.25) if least is None else (least, least)
+    assert grade == (FOUND if score >= found else GUESS if score >= guess else NOT_FOUND)

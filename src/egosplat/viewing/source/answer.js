@@ -201,7 +201,7 @@ function logOdds(p) {
 }
 
 function gradeOf(scene, rating) {
-  const { calibration, min_score, ...limits } = scene.facts.query, { found, guess } = calibration ? limits : { found: min_score, guess: min_score };
+  const { found, guess } = scene.facts.query;
   return rating >= found ? "found" : rating >= guess ? "best guess" : "not found";
 }
 
@@ -209,12 +209,11 @@ function gradeOf(scene, rating) {
 function judge(scene, neighbors, relevancy) {
   const things = findThings(scene, neighbors, relevancy, 3), [best] = things;
   for (const thing of things) thing.rating = ratingOf(scene, thing, things);
-  const grade = best ? gradeOf(scene, best.rating) : "not found", { min_score, calibration } = scene.facts.query;
+  const grade = best ? gradeOf(scene, best.rating) : "not found";
   const shown = grade === "not found" ? [] : things.filter((thing) => gradeOf(scene, thing.rating) === grade);
-  const below = calibration ? "not found: nothing here looks like it" : `not found: the best match is below ${[min_score.toFixed(2), String(min_score)].sort((a, b) => b.length - a.length)[0]}`;
   const coded = scene.codeShare.some((share) => share.some((value) => value > 0));
   const nothing = coded ? "not found: nothing here looks like it" : "no Gaussian of the scene has a code";
-  return { things: shown, grade, level: best?.level, score: best?.score ?? 0, rating: best?.rating ?? 0, why: shown.length ? null : best ? below : nothing };
+  return { things: shown, grade, level: best?.level, score: best?.score ?? 0, rating: best?.rating ?? 0, why: shown.length ? null : best ? scene.facts.query.below : nothing };
 }
 
 // What asks for the things that look like one that was clicked.

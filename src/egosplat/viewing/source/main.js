@@ -19,6 +19,7 @@ class Page {
     this.camera = new SceneCamera(facts.up);
     this.share = 1;
     this.questions = 0;
+    this.labels = new Map();
     this.there = []; // of each rest, whether it is at the time of the slider
     this.showing = { relevancy: null, level: scene.levels - 1, threshold: facts.query.min_score, only: false, instances: false, cameras: false };
     this.idle = Promise.resolve();
@@ -119,6 +120,7 @@ class Page {
     this.canvas.addEventListener("pointermove", ({ clientX, clientY, buttons }) => {
       if (!buttons) this.canvas.classList.toggle("over-camera", this.cameraAt(clientX, clientY) !== null);
     });
+    for (const button of $("judge").querySelectorAll("button")) button.onclick = () => this.judge(button.value);
     $("clear").onclick = () => ((this.asked = ""), this.clear());
     $("frame").oninput = () => (this.stop(), this.showFrame(Number($("frame").value), true));
     $("play").onclick = () => (this.playing ? this.stop() : this.play());
@@ -276,6 +278,15 @@ class Page {
     return told;
   }
 
+  // Keep what a user says of the answer that is shown, for egosplat calibrate.
+  judge(label) {
+    this.labels.set(this.judged, label);
+    const lines = [...this.labels].map(([phrase, kind]) => `"${phrase.replaceAll('"', '""')}",${kind}\n`);
+    $("labels").href = `data:text/csv;charset=utf-8,${encodeURIComponent(["phrase,label\n", ...lines].join(""))}`;
+    $("labels").textContent = `labels.csv, ${lines.length}`;
+    $("labels").hidden = false;
+  }
+
   score(score) {
     const { min_score } = this.scene.facts.query;
     return shownFigure(score, (one) => one >= min_score);
@@ -288,7 +299,7 @@ class Page {
   // A graded number behind what it is.
   rated(answer, rating) {
     if (answer.measure) return `${answer.measure} ${rating.toFixed(2)}`;
-    return `${this.scene.facts.query.calibration ? "probability" : "score"} ${this.rating(rating)}`;
+    return `${this.scene.facts.query.measure} ${this.rating(rating)}`;
   }
 
   markOf(phrase, thing, answer) {
@@ -303,6 +314,8 @@ class Page {
     const read = answers.length > 1 || asTyped || !name ? "" : ` (read as: ${shortened(name)})`;
     this.told = answers.length > 1 ? [`"${shortened(typed)}":`, ...answers.map(({ name }, row) => `${shortened(name)}: ${verdicts[row]}`)].join("\n") : `"${shortened(typed)}"${read}: ${verdicts[0]}`;
     this.sought = best.things[0]?.center ?? null;
+    this.judged = best.name;
+    $("judge").hidden = !best.name || Boolean(best.measure) || best.rating == null || Boolean(this.read(best.name)[0].relation);
     this.sayAnswer();
     const items = answers.flatMap((answer) => (answer.moving ? [this.frameItem(answer.moving.frame)] : answer.things.map((thing) => this.thingItem(thing, answer, answers.length > 1))));
     const meant = [...new Set(answers.flatMap(({ why }) => /Did you mean "(.+)"\?/.exec(why ?? "")?.[1] ?? []))];
@@ -417,7 +430,7 @@ class Page {
     this.questions++;
     this.mark = this.sought = null;
     this.tellHistory("", []);
-    $("heat").hidden = true;
+    $("heat").hidden = $("judge").hidden = true;
     $("answer").textContent = "";
     $("answer").removeAttribute("aria-busy");
     $("things").replaceChildren();

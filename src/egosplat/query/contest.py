@@ -1,0 +1,79 @@
+"""How a query stands among words of homes, for models without a calibration (docs/models.md#calibrate)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from egosplat.images import evenly_spaced
+from egosplat.models.clip import OpenClip
+from egosplat.query.answers import Thing
+from egosplat.query.options import QueryOptions
+from egosplat.query.scene import QueryScene
+from egosplat.query.text import Texts, encode_phrases, other_meanings, untaught_words
+
+# Words of things of homes, a comma between two; of these, the nearest to a query may mean the same.
+WORDS, _NEAREST = Path(__file__).with_name("household.txt"), 12
+
+# Gaussians that tell what is usual in a scene, and that stand for a thing.
+_OF_SCENE, _OF_THING = 2048, 256
+
+
+class Contest:
+    """Words of homes against which a query has to win, by the softmax that an OpenCLIP was trained with.
+
+    It compares how much better each fits a thing than the scene: a word that fits everything wins nothing.
+    """
+
+    def __init__(self, scene: QueryScene, clip: OpenClip, options: QueryOptions) -> None:
+        """Compare the words that a model knows, and canonical phrases, with the scene."""
+        listed = [word.strip() for word in WORDS.read_text().replace("\n", ",").split(",")]
+        words = dict.fromkeys((*filter(None, listed), *options.canonical))
+        words = tuple(word for word in words if word in options.canonical or not untaught_words(clip, word))
+        canonical = encode_phrases(clip, options.canonical)
+        self.words = Texts(words, encode_phrases(clip, words, short=True), canonical)
+        self.options, self.scene = options.change(temperature=1.0), replace(scene, sizes=None)
+        self.scale = float(clip.model.logit_scale.exp())
+        coded = (scene.share > 0).any(dim=1).nonzero()[:, 0].cpu()
+        self.sample = self._of(self.scene, coded[evenly_spaced(len(coded), _OF_SCENE)])
+        self.usual = self._fits(self.sample, self.words).mean(dim=1)
+
+    def best(self, query: Texts) -> float:
+        """How well one query stands where it stands best, 0 to 1."""
+        fits = self._fits(self.sample, self._with(query))
+        return float(self._stand(query, fits, fits.mean(dim=1)).amax()) if fits.numel() else 0.0
+
+    def rate(self, query: Texts, things: Sequence[Thing], least: float) -> list[Thing]:
+        """Things that match one query, the best first, by how well it stands there.
+
+        That becomes their score, or 0 where their score is below the ``least``.
+        """
+        usual, rated = torch.cat([self.usual, self._fits(self.sample, query).mean(dim=1)]), []
+        for thing in things:
+            rows = torch.from_numpy(thing.members)[evenly_spaced(len(thing.members), _OF_THING)]
+            level = self.scene.of_level(self.scene.levels.index(thing.level))
+            fits = self._fits(self._of(level, rows), self._with(query)).mean(dim=1, keepdim=True)
+            stands = float(self._stand(query, fits, usual))
+            rated.append(replace(thing, score=stands if thing.score >= least else 0.0))
+        return sorted(rated, key=lambda one: -one.score)
+
+    def _of(self, scene: QueryScene, rows: Tensor) -> QueryScene:
+        return replace(scene, code=scene.code[rows], share=scene.share[rows])
+
+    def _with(self, query: Texts) -> Texts:
+        queries = torch.cat([self.words.queries, query.queries])
+        return replace(self.words, phrases=(*self.words.phrases, ""), queries=queries)
+
+    def _fits(self, scene: QueryScene, texts: Texts) -> Tensor:
+        """(Q, K) by how much each text fits each code of Gaussians better than each canonical phrase does."""
+        texts = replace(texts, names=None, canonical=self.words.canonical)
+        return torch.logit(scene.relevancy(texts, self.options)[:, scene.share.T > 0]).cpu()
+
+    def _stand(self, query: Texts, fits: Tensor, usual: Tensor) -> Tensor:
+        """(K,) share of the query among words of other meanings, by (W + 1, K) fits, its own last, and (W + 1,) usual
+        ones."""
+        apart = self.scale * (fits - usual[:, None])
+        rivals = apart[:-1][other_meanings(query, self.words, _NEAREST)]
+        return torch.sigmoid(apart[-1] - rivals.logsumexp(dim=0))
