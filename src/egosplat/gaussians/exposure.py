@@ -3,6 +3,9 @@
 import torch
 from torch import Tensor
 
+from egosplat.rasterize.kernels import library
+from egosplat.rasterize.kernels.exposure import Expose
+
 # Colors from here on are saturated. Below 1: JPEG and resampling darken some saturated pixels.
 SATURATED = 0.98
 
@@ -26,10 +29,12 @@ def expose(
     least as bright: what exceeds it is cut off, and has no gradient. None cuts nothing."""
     log_gain = log_gain.to(image).clamp_min(_LEAST_LOG_GAIN)
     colors, features = image[..., :3], image[..., 3:]
-    if compression is not None:
-        compression = compression.to(image)
-        curve = 1.0 + compression * colors.clamp_max(_BRIGHTEST).square()
-        log_gain = log_gain * ((1.0 + compression * _MIDDLE**2) / curve)
+    compression = log_gain.new_zeros(1) if compression is None else compression.to(image)
+    suits = image.shape[2] == 3 and image.dtype == torch.float32 and image.device.type == "cpu"
+    if suits and library.is_usable():
+        return Expose.apply(image, torch.cat([log_gain, compression]), picture)
+    curve = 1.0 + compression * colors.clamp_max(_BRIGHTEST).square()
+    log_gain = log_gain * ((1.0 + compression * _MIDDLE**2) / curve)
     colors = colors * log_gain.exp()
     if picture is not None:
         # In the layout of the render: sums over two layouts take several times as long.

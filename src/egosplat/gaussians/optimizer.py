@@ -1,6 +1,7 @@
 """Adam over Gaussians whose number changes during training."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,15 +10,10 @@ from torch import Tensor
 
 from egosplat.gaussians.model import PARAMETERS, Gaussians, as_rows
 from egosplat.rasterize.kernels import library
-
-# As in 3DGS. Epsilon is far below torch's 1e-8, because gradients of single Gaussians are tiny.
-BETA1, BETA2, EPS = 0.9, 0.999, 1e-15
+from egosplat.rasterize.kernels.adam import BETA1, BETA2, EPS, State, adam_step
 
 # Its square is finite in float32. The square of a larger gradient would make the second moment infinite.
 LARGEST_GRADIENT = 1e18
-
-# Rows are gathered for the update only if fewer than this fraction has ever had a gradient.
-_WORTH_GATHERING = 0.5
 
 
 @dataclass(frozen=True)
@@ -48,12 +44,14 @@ class Adam:
     """
 
     def __init__(self, gaussians: Gaussians, learning_rates: LearningRates) -> None:
-        zeros = {name: torch.zeros_like(p.detach()) for name, p in gaussians.parameters().items()}
-        self._exp_avg, self._exp_avg_sq = zeros, {name: zero.clone() for name, zero in zeros.items()}
+        self._moments = {name: p.new_zeros(2, *p.shape) for name, p in gaussians.parameters().items()}
         self._ever_visible = torch.zeros(gaussians.count, dtype=torch.bool, device=gaussians.means.device)
         self._attach(gaussians)
         self.learning_rates, self.means_lr = learning_rates, learning_rates.means
-        self._sh_rates: Tensor | None = None
+        # 3DGS keeps the constant coefficient in a tensor of its own; here it is the first of ``sh``.
+        rates = torch.full(gaussians.sh.shape[1:], learning_rates.sh_rest)
+        rates[0] = learning_rates.sh_dc
+        self._sh_rates = rates.flatten().to(gaussians.sh.device)
         self.step_count = self.skipped_rows = 0
 
     @torch.no_grad()
@@ -68,27 +66,11 @@ class Adam:
         else:
             self._ever_visible |= visible
         self.step_count += 1
-        given = {
-            name: torch.zeros_like(p) if p.grad is None else p.grad
-            for name, p in self.gaussians.parameters().items()
-        }
-        grads = {name: as_rows(grad.contiguous()) for name, grad in given.items()}
-        broken = broken_rows(list(grads.values()))
-        self.skipped_rows += len(broken)
-        parameters = [parameter.detach() for parameter in self.gaussians.parameters().values()]
-        changed = [*parameters, *self._exp_avg.values(), *self._exp_avg_sq.values()]
-        # Saved because the step below updates all rows.
-        before = [tensor[broken] for tensor in changed]
-        # Rows that were never visible are left out, but not on a GPU: finding them takes longer there than updating all.
-        rare = (
-            self._ever_visible.device.type == "cpu" and self._ever_visible.float().mean() < _WORTH_GATHERING
-        )
-        rows = self._ever_visible.nonzero().squeeze(1) if rare else None
-        for name in PARAMETERS:
-            self._step_parameter(name, grads[name], rows)
-        # Rows are independent: only the broken ones need restoring.
-        for tensor, kept in zip(changed, before, strict=True):
-            tensor[broken] = kept
+        states = [self._state(name) for name in PARAMETERS]
+        if self._ever_visible.device.type == "cpu" and library.is_usable():
+            self.skipped_rows += adam_step(states, self._ever_visible, self.step_count)
+        else:
+            self.skipped_rows += torch_step(states, self.step_count)
 
     def zero_grad(self) -> None:
         """Clear all gradients."""
@@ -98,22 +80,19 @@ class Adam:
     def replace_rows(self, gaussians: Gaussians, keep: Tensor, added: int) -> None:
         """Continue with other Gaussians: those at ``keep``, (N,) bool, then ``added`` ones, whose moments
         start at zero. ValueError if there are more or fewer, or a parameter is not contiguous."""
-        for moments in (self._exp_avg, self._exp_avg_sq):
-            for name in PARAMETERS:
-                moments[name] = _with_zero_rows(moments[name][keep], added)
+        for name, moments in self._moments.items():
+            self._moments[name] = torch.stack([_with_zero_rows(each[keep], added) for each in moments])
         self._ever_visible = _with_zero_rows(self._ever_visible[keep], added)
         self._attach(gaussians)
 
     def reset_moments(self, name: str) -> None:
         """Zero the moments of one parameter."""
-        self._exp_avg[name].zero_()
-        self._exp_avg_sq[name].zero_()
+        self._moments[name].zero_()
 
     def state_dict(self) -> dict[str, Any]:
         """Return copies of the moments and the counters, for ``load_state_dict``."""
         return {
-            "exp_avg": {name: tensor.clone() for name, tensor in self._exp_avg.items()},
-            "exp_avg_sq": {name: tensor.clone() for name, tensor in self._exp_avg_sq.items()},
+            "moments": {name: tensor.clone() for name, tensor in self._moments.items()},
             "ever_visible": self._ever_visible.clone(),
             "means_lr": self.means_lr,
             "step_count": self.step_count,
@@ -123,8 +102,7 @@ class Adam:
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state from ``state_dict``; the Gaussians of that state must be attached."""
         device = self.gaussians.means.device
-        self._exp_avg = {name: state["exp_avg"][name].to(device, copy=True) for name in PARAMETERS}
-        self._exp_avg_sq = {name: state["exp_avg_sq"][name].to(device, copy=True) for name in PARAMETERS}
+        self._moments = {name: state["moments"][name].to(device, copy=True) for name in PARAMETERS}
         self._ever_visible = state["ever_visible"].to(device, copy=True)
         self.means_lr = state["means_lr"]
         self.step_count, self.skipped_rows = state["step_count"], state["skipped_rows"]
@@ -137,48 +115,37 @@ class Adam:
                 raise ValueError(f"{name} {tuple(parameter.shape)} is not contiguous")
         self.gaussians = gaussians
 
-    def _step_parameter(self, name: str, grad: Tensor, rows: Tensor | None) -> None:
-        state = getattr(self.gaussians, name).detach(), self._exp_avg[name], self._exp_avg_sq[name]
-        param, exp_avg, exp_avg_sq = map(as_rows, state)
-        if rows is None:
-            adam_step(param, grad, exp_avg, exp_avg_sq, self._rates(name), self.step_count)
-            return
-        gathered = param[rows], exp_avg[rows], exp_avg_sq[rows]
-        adam_step(gathered[0], grad[rows], gathered[1], gathered[2], self._rates(name), self.step_count)
-        param[rows], exp_avg[rows], exp_avg_sq[rows] = gathered
+    def _state(self, name: str) -> State:
+        parameter = getattr(self.gaussians, name)
+        grad = torch.zeros_like(parameter) if parameter.grad is None else parameter.grad.contiguous()
+        param, grad, exp_avg, exp_avg_sq = map(as_rows, (parameter.detach(), grad, *self._moments[name]))
+        return param, grad, exp_avg, exp_avg_sq, self._rates(name)
 
     def _rates(self, name: str) -> float | Tensor:
         """Return the learning rate of a parameter; for ``sh`` one per column, (3 K,) float32."""
         if name == "means":
             return self.means_lr
-        if name != "sh":
-            return getattr(self.learning_rates, name)
-        # 3DGS keeps the constant coefficient in a tensor of its own; here it is the first of ``sh``.
-        if self._sh_rates is None or self._sh_rates.numel() != self.gaussians.sh.shape[1:].numel():
-            rates = torch.full(self.gaussians.sh.shape[1:], self.learning_rates.sh_rest)
-            rates[0] = self.learning_rates.sh_dc
-            self._sh_rates = rates.flatten().to(self.gaussians.sh.device)
-        return self._sh_rates
+        return self._sh_rates if name == "sh" else getattr(self.learning_rates, name)
 
 
 def _with_zero_rows(tensor: Tensor, count: int) -> Tensor:
     return torch.cat([tensor, tensor.new_zeros(count, *tensor.shape[1:])])
 
 
-def adam_step(
-    param: Tensor, grad: Tensor, exp_avg: Tensor, exp_avg_sq: Tensor, rates: float | Tensor, step: int
-) -> None:
-    """Update (N, columns) ``param`` and its moments in place (Kingma & Ba 2015, algorithm 1), contiguous
-    float32. ``rates`` is a learning rate, or one for each column; ``step`` counts from 1, for the bias
-    correction."""
-    if param.device.type == "cpu" and library.is_usable():
-        from egosplat.rasterize.kernels.adam import adam_step as fused
-
-        return fused(param, grad, exp_avg, exp_avg_sq, rates, beta1=BETA1, beta2=BETA2, eps=EPS, step=step)
-    exp_avg.lerp_(grad, 1.0 - BETA1)
-    exp_avg_sq.mul_(BETA2).addcmul_(grad, grad, value=1.0 - BETA2)
-    denominator = exp_avg_sq.sqrt().div_(math.sqrt(1.0 - BETA2**step)).add_(EPS)
-    param.sub_((exp_avg / denominator).mul_(rates).div_(1.0 - BETA1**step))
+def torch_step(states: Sequence[State], step: int) -> int:
+    """Plain torch version of ``adam_step``, for any device."""
+    broken = broken_rows([grad for _, grad, *_ in states])
+    # Saved because the step below updates all rows. Rows are independent: only the broken ones need restoring.
+    changed = [tensor for param, _, *moments, _ in states for tensor in (param, *moments)]
+    before = [tensor[broken] for tensor in changed]
+    for param, grad, exp_avg, exp_avg_sq, rates in states:
+        exp_avg.lerp_(grad, 1.0 - BETA1)
+        exp_avg_sq.mul_(BETA2).addcmul_(grad, grad, value=1.0 - BETA2)
+        denominator = exp_avg_sq.sqrt().div_(math.sqrt(1.0 - BETA2**step)).add_(EPS)
+        param.sub_((exp_avg / denominator).mul_(rates).div_(1.0 - BETA1**step))
+    for tensor, kept in zip(changed, before, strict=True):
+        tensor[broken] = kept
+    return len(broken)
 
 
 def broken_rows(grads: list[Tensor]) -> Tensor:

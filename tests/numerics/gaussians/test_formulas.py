@@ -106,7 +106,7 @@ def test_adam(measured, exponent, seed):
     param, first, second = torch.zeros(6, 3), torch.zeros(6, 3), torch.zeros(6, 3)
     exact = [torch.zeros(6, 3, dtype=torch.float64) for _ in range(3)]
     for step, grad in enumerate(grads, 1):
-        adam_step(param, grad, first, second, 0.01, step)
+        adam_step([(param, grad, first, second, 0.01)], torch.ones(6, dtype=torch.bool), step)
         wide = grad.double()
         exact[1] = BETA1 * exact[1] + (1 - BETA1) * wide
         exact[2] = BETA2 * exact[2] + (1 - BETA2) * wide**2

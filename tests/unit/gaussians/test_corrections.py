@@ -185,9 +185,9 @@ def _exposed_step_by_step(image, log_gain, compression, picture):
     return torch.cat([colors, image[..., 3:]], dim=-1)
 
 
-@pytest.mark.parametrize("features", [0, 2])
-def test_gradients_of_the_exposure_are_those_of_its_formula(features):
-    """Also where a color is exactly as bright as a limit."""
+@pytest.mark.parametrize("features, dtype", [(0, torch.float64), (2, torch.float64), (0, torch.float32)])
+def test_gradients_of_the_exposure_are_those_of_its_formula(features, dtype):
+    """Also where a color is exactly as bright as a limit, and by the kernel, which takes float32."""
     generator = torch.Generator().manual_seed(0)
     picture = torch.rand(6, 5, 3, generator=generator, dtype=torch.float64)
     picture[1:3], picture[3] = 1.0, 0.99
@@ -197,9 +197,9 @@ def test_gradients_of_the_exposure_are_those_of_its_formula(features):
     values = image, torch.tensor([0.0, -0.3, 0.1]).double(), torch.tensor([0.7]).double()
     results = []
     for function in (expose, _exposed_step_by_step):
-        image, log_gain, compression = leaves = [value.clone().requires_grad_() for value in values]
-        found = function(image, log_gain, compression, picture)
-        results.append([found, *torch.autograd.grad((weights * found).sum(), leaves)])
+        leaves = [value.to(dtype, copy=True).requires_grad_() for value in values]
+        found = function(*leaves, picture.to(dtype))
+        results.append([found, *torch.autograd.grad((weights.to(dtype) * found).sum(), leaves)])
     torch.testing.assert_close(*results)
 
 

@@ -18,22 +18,18 @@ struct AdamFactors {
     float eps;
 };
 
-// Pointers to rows of `columns` values each.
+// A parameter: pointers to rows of `columns` values each, and to the learning rate of each column.
 struct AdamRows {
-    int columns;
+    int64_t columns;
     float* param;
     const float* grad;
     float *exp_avg, *exp_avg_sq;
-
-    AdamRows from(int64_t row) const {
-        const int64_t at = row * columns;
-        return {columns, param + at, grad + at, exp_avg + at, exp_avg_sq + at};
-    }
+    const float* learning_rates;
 };
 
-INLINE bool sound(const float* grad, int count) {
+INLINE bool sound(const float* grad, int64_t count) {
     bool all = true;
-    for (int i = 0; i < count; i++) all &= std::fabs(grad[i]) <= LARGEST_GRADIENT;
+    for (int64_t i = 0; i < count; i++) all &= std::fabs(grad[i]) <= LARGEST_GRADIENT;
     return all;
 }
 
@@ -49,44 +45,60 @@ INLINE void update(const AdamFactors& f, Floats steps, float* param, const float
     store(param, load(param) - steps * m / denominator);
 }
 
-// Updates LANES rows at once, as `columns` vectors.
-inline void update_group(const AdamFactors& f, const float* steps, const AdamRows& rows) {
-    for (int i = 0; i < rows.columns * LANES; i += LANES)
-        update(f, load(steps + i), rows.param + i, rows.grad + i, rows.exp_avg + i, rows.exp_avg_sq + i);
+// Updates LANES values, or `count` if those are fewer: through a vector, too, so that results are the same.
+INLINE void update_some(const AdamFactors& f, const float* steps, const AdamRows& rows, int64_t at, int64_t count) {
+    float *to[3] = {rows.param + at, rows.exp_avg + at, rows.exp_avg_sq + at};
+    if (count >= LANES) return update(f, load(steps), to[0], rows.grad + at, to[1], to[2]);
+    float grad[LANES] = {}, values[3][LANES] = {};
+    memcpy(grad, rows.grad + at, 4 * count);
+    for (int k = 0; k < 3; k++) memcpy(values[k], to[k], 4 * count);
+    update(f, load(steps), values[0], grad, values[1], values[2]);
+    for (int k = 0; k < 3; k++) memcpy(to[k], values[k], 4 * count);
 }
 
-// Updates one row, through vectors too, so that the result does not depend on the rows next to it.
-inline void update_row(const AdamFactors& f, const float* steps, const AdamRows& row) {
-    for (int i = 0; i < row.columns; i += LANES) {
-        const int bytes = 4 * (row.columns - i < LANES ? row.columns - i : LANES);
-        float param[LANES] = {}, grad[LANES] = {}, exp_avg[LANES] = {}, exp_avg_sq[LANES] = {};
-        memcpy(param, row.param + i, bytes), memcpy(grad, row.grad + i, bytes);
-        memcpy(exp_avg, row.exp_avg + i, bytes), memcpy(exp_avg_sq, row.exp_avg_sq + i, bytes);
-        update(f, load(steps + i), param, grad, exp_avg, exp_avg_sq);
-        memcpy(row.param + i, param, bytes);
-        memcpy(row.exp_avg + i, exp_avg, bytes), memcpy(row.exp_avg_sq + i, exp_avg_sq, bytes);
+// `steps` repeats those of the columns LANES times: LANES rows are `columns` vectors.
+inline void update_rows(const AdamFactors& f, const float* steps, const AdamRows& rows, int64_t begin, int64_t end) {
+    const int64_t period = rows.columns * LANES, last = end * rows.columns;
+    int64_t i = 0;
+    for (int64_t at = begin * rows.columns; at < last; at += LANES) {
+        update_some(f, steps + i, rows, at, last - at);
+        i = i + LANES < period ? i + LANES : 0;
     }
 }
 
-// learning_rates: one per column. Returns the number of rows skipped because of their gradient.
-inline int64_t adam(int64_t n, AdamRows all, int threads, const float* learning_rates, double beta1, double beta2,
-                    double eps, int64_t step) {
+// Updates `count` parameters of n rows. A row is skipped if any of its gradients is not sound, and rows that were never
+// `used` may be: their gradients and moments are zero. Returns the number of rows skipped because of their gradients.
+inline int64_t adam(int64_t n, int count, const AdamRows* all, const uint8_t* used, int threads, double beta1,
+                    double beta2, double eps, int64_t step) {
     const AdamFactors f = {float(1 - beta1), float(beta2), float(1 - beta2),
                            float(1 / std::sqrt(1 - std::pow(beta2, step))), float(eps)};
     const double correction = 1 / (1 - std::pow(beta1, step));
-    std::vector<float> steps(size_t(all.columns) * LANES);
-    for (size_t i = 0; i < steps.size(); i++) steps[i] = float(learning_rates[i % all.columns] * correction);
+    std::vector<std::vector<float>> steps(count);
+    for (int k = 0; k < count; k++)
+        for (int64_t i = 0; i < all[k].columns * LANES; i++)
+            steps[k].push_back(float(all[k].learning_rates[i % all[k].columns] * correction));
+    auto are_sound = [&](int64_t begin, int64_t end) {
+        bool every = true;
+        for (int k = 0; k < count; k++)
+            every &= sound(all[k].grad + begin * all[k].columns, (end - begin) * all[k].columns);
+        return every;
+    };
+    auto update_all = [&](int64_t begin, int64_t end) {
+        for (int k = 0; k < count; k++) update_rows(f, steps[k].data(), all[k], begin, end);
+    };
+    // A part of the gradients stays in the cache between the check and the update.
+    constexpr int64_t PART = 256;
     int64_t left_out = 0;
 #pragma omp parallel for schedule(static) num_threads(threads) reduction(+ : left_out)
-    for (int64_t row = 0; row < n; row += LANES) {
-        const AdamRows group = all.from(row);
-        if (row + LANES <= n && sound(group.grad, LANES * all.columns)) {
-            update_group(f, steps.data(), group);
+    for (int64_t begin = 0; begin < n; begin += PART) {
+        const int64_t end = std::min(n, begin + PART);
+        if (!memchr(used + begin, 1, end - begin)) continue;
+        if (are_sound(begin, end)) {
+            update_all(begin, end);
             continue;
         }
-        for (int64_t r = row; r < std::min(n, row + LANES); r++) {
-            const AdamRows one = all.from(r);
-            if (sound(one.grad, all.columns)) update_row(f, steps.data(), one);
+        for (int64_t row = begin; row < end; row++) {
+            if (are_sound(row, row + 1)) update_all(row, row + 1);
             else left_out++;
         }
     }

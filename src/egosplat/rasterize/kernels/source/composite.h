@@ -50,9 +50,7 @@ INLINE void alphas_of(const RowList& list, Floats* alphas) {
     for (int j = 0; j < list.count; j++) {
         const Floats u = fma(px, broadcast(list.l11[j]), broadcast(list.u[j]));
         const Floats e = fnma(u, u, broadcast(list.exponent[j]));
-        // Intel takes many cycles where a power of two underflows, as it would far outside a Gaussian.
-        const Floats alpha = exp2(max(e, broadcast(LOG2_MIN_ALPHA - 1.0f)));
-        alphas[j] = where(at_least(e, broadcast(LOG2_MIN_ALPHA)), min(alpha, broadcast(MAX_ALPHA)));
+        alphas[j] = min(exp2(at_least(e, broadcast(LOG2_MIN_ALPHA)), e), broadcast(MAX_ALPHA));
     }
 }
 

@@ -66,7 +66,8 @@ template <int C>
 INLINE Floats dot(const Floats* g, const float* color) {
     Floats part[4] = {};
     for (int c = 0; c < C; c++) part[c % 4] = fma(g[c], broadcast(color[c]), part[c % 4]);
-    return (part[0] + part[1]) + (part[2] + part[3]);
+    const Floats sum = C > 1 ? part[0] + part[1] : part[0];
+    return C > 3 ? sum + (part[2] + part[3]) : C > 2 ? sum + part[2] : sum;
 }
 
 // Adds the contribution of one tile to `slots`, padded(MOMENTS + C) floats for each member of the band: the moments
@@ -89,7 +90,7 @@ void backward_tile(const Tiles& tiles, const Column& column, Pixels<C>& pixels, 
             const int r = __builtin_ctz(todo);
             const Floats u = fma(px, l11, broadcast(rows.u[r]));
             const Floats e = fnma(u, u, broadcast(rows.exponent[r]));
-            raw[r] = where(at_least(e, broadcast(LOG2_MIN_ALPHA)), exp2(e));
+            raw[r] = exp2(at_least(e, broadcast(LOG2_MIN_ALPHA)), e);
         }
         const float* color = column.color[k];
         Floats sums[M + C], m0 = {}, m1 = {}, m2 = {};

@@ -1,5 +1,6 @@
 // The C interface of the library. Arrays are float32, contiguous, row-major; the callers check sizes.
 #include "adam.h"
+#include "exposure.h"
 #include "loss.h"
 #include "own_weights.h"
 #include "pixel_weights.h"
@@ -116,10 +117,21 @@ double egosplat_l1_ssim(int width, int height, int threads, double ssim_lambda, 
     return l1_ssim(width, height, threads, ssim_lambda, render, target, weight, gradient);
 }
 
-// param, grad, exp_avg, exp_avg_sq (rows, columns), learning_rates (columns,); returns the number of skipped rows.
-int64_t egosplat_adam(int64_t rows, int columns, int threads, double beta1, double beta2, double eps, int64_t step,
-                      const float* learning_rates, float* param, const float* grad, float* exp_avg,
-                      float* exp_avg_sq) {
-    return adam(rows, {columns, param, grad, exp_avg, exp_avg_sq}, threads, learning_rates, beta1, beta2, eps, step);
+// tone: logarithms of three gains, then the compression; photograph (pixels, 3) or null; render, result (3, pixels).
+void egosplat_expose(int64_t pixels, int threads, const float* tone, const float* photograph, const float* render,
+                     float* result) {
+    expose({pixels, tone, photograph}, threads, render, result);
+}
+
+// v_tone (4,) must be zero on entry.
+void egosplat_expose_backward(int64_t pixels, int threads, const float* tone, const float* photograph,
+                              const float* render, const float* v_result, float* v_render, double* v_tone) {
+    expose_backward({pixels, tone, photograph}, threads, render, v_result, v_render, v_tone);
+}
+
+// parameters (count,), six 64-bit numbers each; used (rows,) bool. Returns the number of skipped rows.
+int64_t egosplat_adam(int64_t rows, int count, int threads, double beta1, double beta2, double eps, int64_t step,
+                      const AdamRows* parameters, const uint8_t* used) {
+    return adam(rows, count, parameters, used, threads, beta1, beta2, eps, step);
 }
 }

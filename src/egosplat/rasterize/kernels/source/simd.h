@@ -53,8 +53,8 @@ INLINE Ints int_ramp() {
     return v;
 }
 
-// 2^x by a polynomial of degree 5 in the fraction of x; relative error below 2e-7 for -126 <= x < 127.
-// Lanes outside this range are undefined.
+// 2^x in the lanes of `in`, 0 in the others, by a polynomial of degree 5 in the fraction of x; relative error below
+// 2e-7 for -126 <= x < 127. Lanes of `in` outside this range are undefined.
 #if defined(__AVX512F__)
 
 INLINE Floats fma(Floats a, Floats b, Floats c) { return _mm512_fmadd_ps(a, b, c); }
@@ -68,7 +68,6 @@ INLINE Mask above(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_GT_
 INLINE Mask differs(Floats a, Floats b) { return _mm512_cmp_ps_mask(a, b, _CMP_NEQ_UQ); }
 INLINE Floats where(Mask m, Floats a, Floats b) { return _mm512_mask_mov_ps(b, m, a); }
 INLINE Floats where(Mask m, Floats a) { return _mm512_maskz_mov_ps(m, a); }
-INLINE Mask all_lanes() { return 0xffff; }
 INLINE bool any(Mask m) { return m != 0; }
 INLINE uint32_t bits(Mask m) { return m; }
 INLINE Mask minus(Mask a, Mask b) { return _kandn_mask16(b, a); }
@@ -76,7 +75,7 @@ INLINE Floats reciprocal(Floats x) {
     Floats r = _mm512_rcp14_ps(x);
     return r * fnma(x, r, broadcast(2.0f));
 }
-INLINE Floats exp2(Floats x) {
+INLINE Floats exp2(Mask in, Floats x) {
     Floats f = _mm512_reduce_ps(x, _MM_FROUND_TO_NEG_INF);
     Floats p = broadcast(1.87757668e-3f);
     p = fma(p, f, broadcast(8.98934009e-3f));
@@ -84,7 +83,8 @@ INLINE Floats exp2(Floats x) {
     p = fma(p, f, broadcast(2.40153617e-1f));
     p = fma(p, f, broadcast(6.93153073e-1f));
     p = fma(p, f, broadcast(9.99999925e-1f));
-    return _mm512_scalef_ps(p, x);
+    // Masked here, because Intel takes many cycles where a power of two underflows.
+    return _mm512_maskz_scalef_ps(in, p, x);
 }
 // Moves the lanes of `v` in `m` to the front.
 INLINE Floats compress(Mask m, Floats v) { return _mm512_maskz_compress_ps(m, v); }
@@ -137,7 +137,6 @@ INLINE Floats where(Mask m, Floats a, Floats b) {
 #endif
 }
 INLINE Floats where(Mask m, Floats a) { return (Floats)((Ints)a & m); }
-INLINE Mask all_lanes() { return ~Ints{}; }
 INLINE uint32_t bits(Mask m) {
 #if defined(__AVX2__)
     return uint32_t(_mm256_movemask_ps((__m256)m));
@@ -159,7 +158,7 @@ INLINE Floats reciprocal(Floats x) {
     return 1.0f / x;
 #endif
 }
-INLINE Floats exp2(Floats x) {
+INLINE Floats exp2(Mask in, Floats x) {
     // Adding 1.5 * 2^23 rounds to an integer, which is then in the lowest bits.
     const Floats shift = broadcast(12582912.0f);
     Floats t = x + shift;
@@ -170,7 +169,7 @@ INLINE Floats exp2(Floats x) {
     p = fma(p, f, broadcast(2.40221197e-1f));
     p = fma(p, f, broadcast(6.93146967e-1f));
     p = fma(p, f, broadcast(1.0f));
-    return (Floats)((Bits)p + ((Bits)t << 23));
+    return where(in, (Floats)((Bits)p + ((Bits)t << 23)));
 }
 #if defined(__AVX2__)
 struct Compression {
