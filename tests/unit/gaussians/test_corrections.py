@@ -192,7 +192,7 @@ def test_gradients_of_the_exposure_are_those_of_its_formula(features, dtype):
     picture = torch.rand(6, 5, 3, generator=generator, dtype=torch.float64)
     picture[1:3], picture[3] = 1.0, 0.99
     image = 2.0 * torch.rand(6, 5, 3 + features, generator=generator, dtype=torch.float64)
-    image[0, 0], image[1, 0], image[0, 1], image[0, 2], image[1, 2] = 12.0, 40.0, 0.0, 10.0, 1.0
+    image[0, 0], image[1, 0], image[0, 1], image[0, 2], image[1, 2] = 12.0, 40.0, 0.0, 9.99, 1.0
     weights = torch.rand(image.shape, generator=generator, dtype=torch.float64)
     values = image, torch.tensor([0.0, -0.3, 0.1]).double(), torch.tensor([0.7]).double()
     results = []
