@@ -27,10 +27,19 @@ struct AdamRows {
     const float* learning_rates;
 };
 
-INLINE bool sound(const float* grad, int64_t count) {
-    bool all = true;
-    for (int64_t i = 0; i < count; i++) all &= std::fabs(grad[i]) <= LARGEST_GRADIENT;
-    return all;
+// The bits of magnitudes order like the magnitudes, and those of NaN come last.
+inline int32_t largest_bits(const float* values, int64_t count) {
+    int32_t largest = 0;
+    for (int64_t i = 0; i < count; i++) {
+        int32_t bits;
+        memcpy(&bits, values + i, 4);
+        largest = std::max(largest, bits & 0x7fffffff);
+    }
+    return largest;
+}
+
+inline bool sound(const float* grad, int64_t count) {
+    return largest_bits(grad, count) <= largest_bits(&LARGEST_GRADIENT, 1);
 }
 
 // `steps`: learning rate over 1 - beta1^step. Zero gradient and moments change nothing, exactly; a test for that
@@ -58,12 +67,12 @@ INLINE void update_some(const AdamFactors& f, const float* steps, const AdamRows
 
 // `steps` repeats those of the columns LANES times: LANES rows are `columns` vectors.
 inline void update_rows(const AdamFactors& f, const float* steps, const AdamRows& rows, int64_t begin, int64_t end) {
-    const int64_t period = rows.columns * LANES, last = end * rows.columns;
-    int64_t i = 0;
-    for (int64_t at = begin * rows.columns; at < last; at += LANES) {
-        update_some(f, steps + i, rows, at, last - at);
-        i = i + LANES < period ? i + LANES : 0;
-    }
+    const int64_t group = rows.columns * LANES, last = end * rows.columns;
+    int64_t at = begin * rows.columns;
+    for (; group && at + group <= last; at += group)
+        for (int64_t i = at; i < at + group; i += LANES)
+            update(f, load(steps + i - at), rows.param + i, rows.grad + i, rows.exp_avg + i, rows.exp_avg_sq + i);
+    for (int64_t i = at; i < last; i += LANES) update_some(f, steps + i - at, rows, i, last - i);
 }
 
 // Updates `count` parameters of n rows. A row is skipped if any of its gradients is not sound, and rows that were never
@@ -86,8 +95,8 @@ inline int64_t adam(int64_t n, int count, const AdamRows* all, const uint8_t* us
     auto update_all = [&](int64_t begin, int64_t end) {
         for (int k = 0; k < count; k++) update_rows(f, steps[k].data(), all[k], begin, end);
     };
-    // A part of the gradients stays in the cache between the check and the update.
-    constexpr int64_t PART = 256;
+    // The gradients of a part stay in the cache between the check and the update. Smaller parts start too many streams.
+    constexpr int64_t PART = 4096;
     int64_t left_out = 0;
 #pragma omp parallel for schedule(static) num_threads(threads) reduction(+ : left_out)
     for (int64_t begin = 0; begin < n; begin += PART) {
