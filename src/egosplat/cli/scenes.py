@@ -1,8 +1,10 @@
 """Commands on a scene: ``run``, and on the folder of a finished one ``query``, ``calibrate``, ``page``, ``view``, ``export`` and ``movie``."""
 
+import contextlib
 import json
 import shlex
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -219,7 +221,7 @@ def movie(folder: Path, output: Path | None, overwrite: bool, options: AskingOpt
 @click.argument("words", nargs=-1)
 @click.option("--preset", type=click.Choice(PRESET_NAMES), help="Speed or accuracy. [default: balanced]")
 @click.option("--words", "asked", is_flag=True, help="Ask for WORDS at the end.")
-@click.option("--open", "show", is_flag=True, help="Open the scene in the browser at the end.")
+@click.option("--open", "show", is_flag=True, help="Open its page in the browser at once.")
 @click.option(
     "--name", metavar="DATASET/SCENE", help="Name of the scene. [default: mine/ and that of SOURCE]"
 )
@@ -251,8 +253,15 @@ def run(
         if any(map(str.isspace, splat)):
             raise click.UsageError(f"--splat {splat}: has a space in its name; rename it, or give a link")
         pairs = (*pairs, f"splats.source={splat}")
+    server, during = None, contextlib.nullcontext
+    if show:
+        from egosplat.viewing.growing import growing_page
+        from egosplat.viewing.server import PageServer
+
+        server = PageServer("127.0.0.1", 0)
+        during = partial(growing_page, server)
     try:
-        folder = make_scene(source, name, preset, pairs, cores).results
+        folder = make_scene(source, name, preset, pairs, cores, during).results
     except KeyboardInterrupt:
         click.echo("Stopped. Finished steps are kept: the same command goes on from here.", err=True)
         raise SystemExit(130) from None
@@ -264,10 +273,10 @@ def run(
     log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {folder / 'scene.html'}; logs: {logs}")
     log(f"  egosplat query {where} chair table cup    where is it?")
     log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
-    if show:
-        from egosplat.viewing.command import run as show_scene
+    if server:
+        from egosplat.viewing.command import show as show_page
 
-        show_scene(folder, PageOptions(), "127.0.0.1", 0, browse=True)
+        show_page(server, folder, PageOptions())
 
 
 COMMANDS = (run, query, catalog, name, calibrate, view, page, export, movie)

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from egosplat.calibration.files import AUTO
@@ -33,11 +33,13 @@ def make_scene(
     preset: str | None = None,
     options: Sequence[str] = (),
     cores: int | None = None,
+    during: Callable[[Path], contextlib.AbstractContextManager[object]] = contextlib.nullcontext,
 ) -> Scene:
     """Write the row of a recording, a file or folder, with the keys ``options``, and run the workflow to the scene's page.
 
-    None is for the name of the source, the preset of the configuration, and all processors. UserError: the source is no
-    recording, the name is taken, a key is wrong, weights are missing, a step failed, or another process makes the scene.
+    None is for the name of the source, the preset of the configuration, and all processors. The steps run inside the context
+    ``during`` of the scene's folder. UserError: the source is no recording, the name is taken, a key is wrong, weights are
+    missing, a step failed, or another process makes the scene.
     """
     settings = [f"preset={preset}"] if preset else []
     config, _ = read_configuration([], settings)
@@ -67,8 +69,9 @@ def make_scene(
         stages = ("scene_page", *STAGES["scene_page"].inputs)
         words += ["--", *(str(scene.results / STAGES[name].output) for name in stages)]
         log(f"Snakemake plans the steps, which takes seconds; to go on with: {shlex.join(words)}")
-        if run_snakemake(words):
-            raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
+        with during(scene.results):
+            if run_snakemake(words):
+                raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
     return scene
 
 

@@ -2,7 +2,6 @@
 
 import os
 import threading
-import webbrowser
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,23 +21,26 @@ from egosplat.viewing.server import Ask, PageServer
 _PAGE = STAGES["scene_page"]
 
 
-def run(folder: Path, options: PageOptions, host: str, port: int, *, browse: bool = False) -> None:
-    """Serve the page of a scene until Ctrl-C; phrases that it does not know are asked here. ``browse`` opens
-    a browser (UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is
-    missing; or the port is in use)."""
+def run(folder: Path, options: PageOptions, host: str, port: int) -> None:
+    """Serve the page of a scene until Ctrl-C; phrases that it does not know are asked here (UserError: an
+    artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or the port is in
+    use)."""
     check_scene_folder(folder, _PAGE.inputs)
     # Before the page is made, which takes seconds.
     with PageServer(host, port) as server:
-        server.offer(*open_page(folder, options))
-        try:
-            log(f"{server.address} shows {folder}. Ctrl-C ends it.")
-            if browse:
-                webbrowser.open(server.address)
-            server.serve_forever()
-        except KeyboardInterrupt:
-            log("ended")
-            # An end that waits for no thread, and finds none that still computes: else the process aborts.
-            os._exit(0)
+        show(server, folder, options)
+
+
+def show(server: PageServer, folder: Path, options: PageOptions) -> None:
+    """Serve the page of a scene as ``run`` does."""
+    server.offer(*open_page(folder, options))
+    try:
+        log(f"{server.address} shows {folder}. Ctrl-C ends it.")
+        server.serve_forever()
+    except KeyboardInterrupt:
+        log("ended")
+        # An end that waits for no thread, and finds none that still computes: else the process aborts.
+        os._exit(0)
 
 
 def write_page(folder: Path, output: Path, options: AskingOptions, title: str | None = None) -> None:
@@ -96,6 +98,8 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
     lock = threading.Lock()
 
     def ask(**asked: str) -> Facts:
+        if not asked:  # by a growing page, which then knows that this one is there
+            return {}
         if (word := asked.get("phrase", "").lower()) in known and not (folder / NAMES).is_file():
             return {"answers": [known[word]]}
         from egosplat.viewing.words import ask_for_page

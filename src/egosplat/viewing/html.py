@@ -62,20 +62,20 @@ def _planes(values: np.ndarray) -> bytes:
 
 def scene_html(title: str, data: str) -> str:
     """Build the page from any title, and the data of ``pack``."""
-    scripts = "\n".join(_source(f"{name}.js") for name in SCRIPTS.split())
+    scripts = "\n".join(page_source(f"{name}.js") for name in SCRIPTS.split())
     parts = {
         "title": escape(title),
         "generator": "egosplat page",
-        "style": _source("page.css"),
-        "vertex": _source("splat.vert.glsl"),
-        "fragment": _source("splat.frag.glsl"),
+        "style": page_source("page.css"),
+        "vertex": page_source("splat.vert.glsl"),
+        "fragment": page_source("splat.frag.glsl"),
         # Neighbors and the order of depths.
-        "worker": _source("worker.js"),
+        "worker": page_source("worker.js"),
         # A scope of its own: nothing but ``egosplat`` becomes global.
         "script": f'"use strict";\n(() => {{\n{scripts}\n}})();',
         "data": data,
     }
-    page = _source("page.html")
+    page = page_source("page.html")
     for name, text in parts.items():
         before, _, after = page.partition(f"<!--{{{name}}}-->")
         page = before + text + after
@@ -106,5 +106,6 @@ def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions, folder: 
     }
 
 
-def _source(name: str) -> str:
+def page_source(name: str) -> str:
+    """A file of the folder ``source``."""
     return (resources.files("egosplat.viewing") / "source" / name).read_text(encoding="utf-8")

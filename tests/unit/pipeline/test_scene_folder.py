@@ -10,11 +10,8 @@ from egosplat.pipeline.home import check_scene_folder, title_of
 STAGES = ("frames", "poses", "features", "splats", "language")
 SCENE = "results/adt/scene1"
 ANYWHERE = 'snakemake --snakefile "$(egosplat snakefile)"'
-DRAFT, OTHER, MADE_LATER = (
-    f"{SCENE}/variants/draft",
-    "results/adt/scene9",
-    "features.zarr, splats.zarr, language.zarr",
-)
+DRAFT, OTHER = f"{SCENE}/variants/draft", "results/adt/scene9"
+MADE_LATER = "features.zarr, splats.zarr, language.zarr"
 
 
 @pytest.fixture
@@ -34,10 +31,7 @@ def folder(tmp_path, monkeypatch):
     "given, said",
     [
         ("README.md", "README.md: is a file; give the folder of a scene"),
-        (
-            "photos",
-            "lacks frames.zarr, poses.zarr, features.zarr, splats.zarr, language.zarr. Give the folder",
-        ),
+        ("photos", f"lacks frames.zarr, poses.zarr, {MADE_LATER}. Give the folder"),
         ("nowhere", "nowhere: does not exist. Give the folder"),
         (SCENE, f"lacks {MADE_LATER}. Make the scene: {ANYWHERE} --cores 2 {SCENE}/features.zarr {SCENE}/s"),
         (OTHER, f"does not exist. Make the scene: {ANYWHERE} --cores 2 {OTHER}/frames.zarr {OTHER}/p"),

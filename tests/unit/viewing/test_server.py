@@ -11,11 +11,13 @@ from urllib.parse import urlencode, urlsplit
 import pytest
 
 from egosplat.errors import UserError
+from egosplat.viewing import growing
 from egosplat.viewing.command import open_page
 from egosplat.viewing.html import data_of, unpack
 from egosplat.viewing.options import PageOptions
 from egosplat.viewing.server import PageServer
 from tests.support.page_scene import TITLE, put_page_scene
+from tests.support.waiting import wait_for
 
 # Stands for a page: a served one may ask its server.
 PAGE = "<html lang=\"en\">default-src 'none';"
@@ -161,6 +163,17 @@ def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, page_sc
     monkeypatch.setattr("tests.support.page_scene.WORDS", ("couch", "wall", "lamp"))
     put_page_scene(folder)
     assert title(served()) != TITLE and (folder / "scene.html").read_text() == written
+
+
+def test_a_scene_in_the_making_shows_what_is_there(page_scene, tmp_path, monkeypatch):
+    monkeypatch.setattr(growing, "_EVERY_S", 0.1)
+    monkeypatch.setattr("webbrowser.open", print)
+    drawn = {"frames": "contact_sheet", "instances": "instances_sheet"}
+    with PageServer("127.0.0.1", 0) as server, growing.growing_page(server, tmp_path):
+        for made in ("frames", "poses", "instances"):
+            shutil.copytree(page_scene / f"{made}.zarr", tmp_path / f"{made}.zarr")
+            wait_for(partial(lambda name: f'"{name}"' in ask(server, "/ask?")[1], drawn.get(made, "title")))
+    assert open_page(page_scene, PageOptions(device="cpu"))[1]() == {}, "so its page takes its place"
 
 
 def test_a_question_is_answered_with_a_vector_or_a_reason(page_scene):

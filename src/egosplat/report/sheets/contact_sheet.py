@@ -30,10 +30,13 @@ LABELS, LEAST_SHARE = 10, 0.002
 
 
 @sheet("frames", "poses", fontsize=14)
-def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figure, str]:
-    """Draw frames, annotated evaluation frames, and the trajectory from above."""
+def run(
+    frames: Artifact, annotations: Artifact | None = None, poses: Artifact | None = None
+) -> tuple[Figure, str]:
+    """Draw frames, annotated evaluation frames, and the trajectory from above; of a scene in the making what is there."""
     count, height, width, _ = frames.shape("rgb")
-    shown, rows = (evenly_spaced(number, PICTURES) for number in (count, annotations.shape("frame")[0]))
+    shown = evenly_spaced(count, PICTURES)
+    rows = [] if annotations is None else evenly_spaced(annotations.shape("frame")[0], PICTURES)
     columns = min(COLUMNS, max(len(shown), len(rows)))
     above, below = (-(-len(pictures) // columns) for pictures in (shown, rows))
     cell = (HEIGHT - 0.8) / (above + below) - 0.3
@@ -41,18 +44,18 @@ def run(frames: Artifact, annotations: Artifact, poses: Artifact) -> tuple[Figur
     widths = (HEIGHT * 0.72, float(np.clip(columns * cell * width / height, 6.0, 16.0)))
     figure = plt.figure(figsize=(sum(widths), HEIGHT), layout="constrained")
     left, right = split_page(figure, 1, 2, width_ratios=widths)
-    _draw_from_above(left.subplots(), poses)
+    if poses is not None:
+        _draw_from_above(left.subplots(), poses)
     grid, seconds = empty_grid(right, above + below, columns), seconds_of(frames)
     for axes, index in zip(grid[:above].flat, shown, strict=False):
         show(axes, frames.row("rgb", index), f"frame {index}, {seconds[index]:.1f} s")
     for axes, row in zip(grid[above:].flat, rows, strict=False):
         _draw_evaluation_frame(axes, frames, annotations, row)
-    return figure, (
-        f"{frames.facts['recording']}, origin {frames.origin}\n"
-        f"{count} frames {width}×{height} in {np.ptp(seconds):.1f} s: "
-        f"{int(frames.read('train').sum())} for training, {int(frames.read('evaluation').sum())} for evaluation, "
-        f"{int(poses.read('registered').sum())} with a pose; {len(annotations.facts['instances'])} instances"
-    )
+    told = f"{int(frames.read('train').sum())} for training, {int(frames.read('evaluation').sum())} for evaluation"
+    told += "" if poses is None else f", {int(poses.read('registered').sum())} with a pose"
+    told += "" if annotations is None else f"; {len(annotations.facts['instances'])} instances"
+    size = f"{count} frames {width}×{height} in {np.ptp(seconds):.1f} s"
+    return figure, f"{frames.facts['recording']}, origin {frames.origin}\n{size}: {told}"
 
 
 def _draw_from_above(axes: Axes, poses: Artifact) -> None:

@@ -39,7 +39,7 @@ def sheet(*warned: str, fontsize: int = 12) -> Callable[[Draw], Callable[..., No
             for artifact in opened.values():
                 check_made_from(artifact, *(other for other in opened.values() if other is not artifact))
             figure, summary = draw(**opened)
-            warnings = warnings_of(*(opened[name] for name in warned))
+            warnings = warnings_of(*(opened[name] for name in warned if name in opened))
             draw_heading(figure, f"{title}: {summary}", warnings, fontsize)
             save_figure(figure, output)
 
