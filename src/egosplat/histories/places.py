@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.schemas import camera_poses, is_track
+from egosplat.artifacts.schemas import is_track
 from egosplat.gaussians.exposure import expose
-from egosplat.gaussians.io import read_exposure, read_trained_scene
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import TrainedScene, render
 from egosplat.geometry import Array, Camera, invert, transform
-from egosplat.histories.options import HistoriesOptions
 from egosplat.images import shrunk_size
 from egosplat.progress import track
 
@@ -49,20 +47,6 @@ class Recording(TrainedScene):
     camera_to_world: Array
     log_gains: Tensor | None
     compression: Tensor | None
-
-    @staticmethod
-    def read(
-        frames: Artifact,
-        poses: Artifact,
-        instances: Artifact,
-        splats: Artifact,
-        masks: Artifact | None,
-        options: HistoriesOptions,
-    ) -> "Recording":
-        """Read the scene of artifacts that belong together (UserError: the backend cannot run)."""
-        scene, known = vars(read_trained_scene(splats, options.backend)), camera_poses(poses, splats)
-        given = frames, instances, masks, options.seed, known, *read_exposure(splats)
-        return Recording(*scene.values(), *given)
 
     @cached_property
     def valid(self) -> Mask:

@@ -20,10 +20,12 @@ from egosplat.artifacts.schemas import (
     POSES,
     SPLATS,
     VIEW_FEATURES,
+    camera_poses,
     lies_on_its_side,
     seconds_of,
 )
 from egosplat.artifacts.writer import create
+from egosplat.gaussians.io import read_exposure, read_trained_scene
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.geometry import known_poses
 from egosplat.histories.moves import Carry, find_carries
@@ -71,7 +73,9 @@ def run(
     check_made_from(splats, frames, poses, *inputs[len(paths) :])
     hashes = {CLIP.checkpoint_key: model_hash(CLIP, options.as_dict())}
     record = provenance.begin_from("histories", options.as_dict(), inputs, hashes)
-    recording = Recording.read(frames, poses, instances, splats, masks, options)
+    scene = vars(read_trained_scene(splats, options.backend)).values()
+    told = frames, instances, masks, options.seed, camera_poses(poses, splats), *read_exposure(splats)
+    recording = Recording(*scene, *told)
     seconds, posed = seconds_of(frames), known_poses(recording.camera_to_world)
     seen, inside = see_tracks(posed, recording)
     carries, tracks = find_carries(seen, inside, seconds), len(np.unique(seen.track))

@@ -1,6 +1,6 @@
 """EWA projection of 3D Gaussians into one pinhole camera (Zwicker et al. 2002; 3DGS, section 4)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -37,18 +37,18 @@ def project(a: Arguments, camera: int) -> Projected:
     at most ``radius_clip``, misses the image, or has a projection that is not finite and positive definite
     (as with a quaternion of length 0). Gradients reach ``means``, ``quats``, ``scales``, ``opacities`` and ``viewmats``.
     """
-    gaussians = (a.means, a.quats, a.scales, a.opacities)
     # Cull first, without a graph, so that culled Gaussians cannot put NaN into the gradients.
     with torch.no_grad():
-        means2d, depths, *shapes = _footprints(*gaussians, a, camera)
+        means2d, depths, *shapes = _footprints(a, camera)
         radii = _radii(*shapes)
         size = means2d.new_tensor([a.width, a.height])
         overlaps = (means2d + radii > 0) & (means2d - radii < size)
         seen = overlaps.all(dim=-1) & (radii > a.radius_clip).any(dim=-1)
         seen &= (depths >= a.near_plane) & (depths <= a.far_plane)
     rows = seen.nonzero().squeeze(-1)
-    visible = (tensor.index_select(0, rows) for tensor in gaussians)
-    means2d, depths, covariances, dets, opacities = _footprints(*visible, a, camera)
+    names = ("means", "quats", "scales", "opacities")
+    visible = replace(a, **{name: getattr(a, name).index_select(0, rows) for name in names})
+    means2d, depths, covariances, dets, opacities = _footprints(visible, camera)
     uu, uv, vv = covariances.unbind(dim=-1)
     inverse = torch.stack([vv, -uv, uu], dim=-1) / dets[:, None]
 
@@ -64,14 +64,12 @@ def project(a: Arguments, camera: int) -> Projected:
     )
 
 
-def _footprints(
-    means: Tensor, quats: Tensor, scales: Tensor, opacities: Tensor, a: Arguments, camera: int
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+def _footprints(a: Arguments, camera: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
     """Centers [px], depths, blurred covariances (N, 3) with their determinants, and opacities of 2D Gaussians before culling."""
     viewmat, width, height, eps2d = a.viewmats[camera], a.width, a.height, a.eps2d
     fx, fy, cx, cy = a.Ks[camera][[0, 1, 0, 1], [0, 1, 2, 2]].tolist()
     rotation = viewmat[:3, :3]
-    x, y, z = (means @ rotation.T + viewmat[:3, 3]).unbind(dim=-1)
+    x, y, z = (a.means @ rotation.T + viewmat[:3, 3]).unbind(dim=-1)
     # The linearisation is worthless far outside the image: clamp its point to a slightly wider frustum.
     margin_x, margin_y = FRUSTUM_MARGIN * 0.5 * width / fx, FRUSTUM_MARGIN * 0.5 * height / fy
     slope_x = (x / z).clamp(-cx / fx - margin_x, (width - cx) / fx + margin_x)
@@ -80,14 +78,15 @@ def _footprints(
     jacobian_u = torch.stack([fx / z, zero, -fx * slope_x / z], dim=-1)
     jacobian_v = torch.stack([zero, fy / z, -fy * slope_y / z], dim=-1)
     # Rows of J W R S, a square root of the 2D covariance (3DGS, equation 5).
-    unit = quats / torch.linalg.vector_norm(quats, dim=-1, keepdim=True)
-    axes = rotation @ rotation_matrices(unit) * scales[:, None, :]
+    unit = a.quats / torch.linalg.vector_norm(a.quats, dim=-1, keepdim=True)
+    axes = rotation @ rotation_matrices(unit) * a.scales[:, None, :]
     root_u = torch.einsum("ni,nij->nj", jacobian_u, axes)
     root_v = torch.einsum("ni,nij->nj", jacobian_v, axes)
     uu, uv, vv = (root_u * root_u).sum(-1), (root_u * root_v).sum(-1), (root_v * root_v).sum(-1)
     # Lagrange's identity: uu * vv - uv * uv would lose all digits in float32 for elongated Gaussians.
     det = torch.linalg.cross(root_u, root_v).square().sum(-1)
     blurred_det = det + eps2d * (uu + vv) + eps2d * eps2d
+    opacities = a.opacities
     if a.antialiased:
         # Mip-Splatting (Yu et al. 2024): the blur enlarges the footprint, so the opacity falls by the ratio of areas.
         opacities = opacities * (det / blurred_det).clamp(min=0.0).sqrt()
