@@ -32,7 +32,6 @@ class Attended:
         return Attended(self.image[points], self.weights[points], self.ious[points])
 
 
-@dataclass(frozen=True, eq=False)
 class PointDecoder:
     """Decodes points in one image of (h, w) features; N is h * w. A mask has 4 x 4 cells in each of these N pixels.
 
@@ -42,15 +41,7 @@ class PointDecoder:
         cells: (4h, 4w) place of each cell of a mask among the N * 16 parts of the parts of pixels.
     """
 
-    sam2: Sam2
-    image: Tensor
-    positions: Tensor
-    middle: Tensor
-    fine: Tensor
-    cells: Tensor
-
-    @staticmethod
-    def of(sam2: Sam2, encoded: EncodedImage) -> "PointDecoder":
+    def __init__(self, sam2: Sam2, encoded: EncodedImage) -> None:
         """Prepare the features of an encoded image."""
         model, image = sam2.video_predictor, encoded.image(2)
         encoder = model.sam_prompt_encoder
@@ -63,14 +54,10 @@ class PointDecoder:
         fine = encoded.image(0)[0].unflatten(1, (height, 2, 2)).unflatten(4, (width, 2, 2))
         parts = torch.arange(16 * height * width, device=image.device)
         parts = parts.unflatten(0, (height, width, 2, 2, 2, 2)).permute(0, 2, 4, 1, 3, 5)
-        return PointDecoder(
-            sam2,
-            _rows(image),
-            _rows(encoder.get_dense_pe()),
-            middle.permute(1, 3, 2, 4, 0).reshape(height * width, 4, -1),
-            fine.permute(1, 4, 2, 5, 3, 6, 0).reshape(height * width, 4, 4, -1),
-            parts.reshape(4 * height, 4 * width),
-        )
+        self.sam2, self.image, self.positions = sam2, _rows(image), _rows(encoder.get_dense_pe())
+        self.middle = middle.permute(1, 3, 2, 4, 0).reshape(height * width, 4, -1)
+        self.fine = fine.permute(1, 4, 2, 5, 3, 6, 0).reshape(height * width, 4, 4, -1)
+        self.cells = parts.reshape(4 * height, 4 * width)
 
     def attend(self, points: Tensor) -> Attended:
         """Let (P, 2) single foreground points, x and y in [0, 1] of the image's sides, attend to the image, and it to them."""

@@ -45,7 +45,7 @@ def prompt(
     quality. ``points`` are (P, 2) x, y in [0, 1] of the image's sides; ``bounds`` None stands for those of
     ``options.min_area``."""
     bounds, limits = bounds or Bounds(options.min_area), options.mask_filter
-    decoder = PointDecoder.of(sam2, encoded)
+    decoder = PointDecoder(sam2, encoded)
     on_cpu = sam2.compute.device.type == "cpu"
     size = max(1, _PIXELS_A_BATCH_ON_CPU // len(decoder.image)) if on_cpu else _POINTS_A_BATCH
     batches = []

@@ -49,7 +49,7 @@ def test_sam2(measured):
         found = []
         for sam2 in (exact, half):
             with sam2.compute.inference():
-                decoder = PointDecoder.of(sam2, encode(sam2, picture))
+                decoder = PointDecoder(sam2, encode(sam2, picture))
                 attended = decoder.attend(points)
                 logits, ious = decoder.logits(attended), attended.ious
             assert logits.isfinite().all() and ious.isfinite().all()

@@ -54,7 +54,7 @@ def test_masks_are_those_of_sam2(sam2, points):
     places = torch.from_numpy(generator.random((points, 2), np.float32))
     with sam2.compute.inference():
         encoded = encode(sam2, image)
-        logits, ious = decode(PointDecoder.of(sam2, encoded), places)
+        logits, ious = decode(PointDecoder(sam2, encoded), places)
         expected, expected_ious = decoded_by_sam2(sam2, encoded, places)
     assert logits.shape == expected.shape == (points, 3, 32, 32)
     assert expected.std() > 1e-3, "a decoder without contrast would agree with anything"
@@ -69,7 +69,7 @@ def test_autocast_keeps_the_residuals(sam2):
         encoded = encode(sam2, image)
         exact, _ = decoded_by_sam2(sam2, encoded, points)
         with torch.autocast("cpu", torch.bfloat16):
-            own, _ = decode(PointDecoder.of(sam2, encoded), points)
+            own, _ = decode(PointDecoder(sam2, encoded), points)
             theirs, _ = decoded_by_sam2(sam2, encoded, points)
     error, their_error = ((masks.float() - exact).square().mean() for masks in (own, theirs))
     assert error <= 4 * their_error
