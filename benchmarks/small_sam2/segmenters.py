@@ -13,7 +13,7 @@ from PIL import Image
 
 from benchmarks.small_sam2.worlds import Film, Masks, Still
 from egosplat.models.sam2_loader import Sam2, load_sam2
-from egosplat.segments.classical import LEAST_SUPPORT, PURITY, find_origins, partition, reduce_image
+from egosplat.segments.classical import LEAST_SUPPORT, PURITY, WorkingImage, find_origins, partition
 
 if TYPE_CHECKING:
     from sam2.sam2_image_predictor import SAM2ImagePredictor
@@ -85,7 +85,7 @@ class ClassicalSegmenter:
 
     def point(self, still: Still) -> Masks:
         """The regions of three levels at each point."""
-        labels = partition(reduce_image(still.rgb, still.valid))[1:]
+        labels = partition(WorkingImage(still.rgb, still.valid))[1:]
         columns, rows = still.points.astype(int).T
         values = labels[:, rows, columns].T
         return (labels[None] == values[..., None, None]) & (values >= 0)[..., None, None]
@@ -95,7 +95,7 @@ class ClassicalSegmenter:
         previous, masks = None, film.masks[:, 0] & film.valid
         tracked = []
         for rgb in film.rgb:
-            image = reduce_image(rgb, film.valid)
+            image = WorkingImage(rgb, film.valid)
             regions = partition(image)[0]
             if previous is not None:
                 rows, columns, known = find_origins(previous, image)

@@ -3,7 +3,6 @@ learned weights. It is the baseline for SAM2, and an alternative for recordings 
 difference is a distance in CIELAB: about 2 is just noticeable. Numbers are tuned on synthetic apartments."""
 
 import heapq
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -53,16 +52,30 @@ LEAST_SUPPORT, PURITY = 0.15, 0.7
 _NEW_AREA = 1e-3
 
 
-@dataclass(frozen=True, eq=False)
 class WorkingImage:
     """An image at the working size, (h, w, 3) CIELAB; invalid pixels have the color of the nearest valid one.
     Pixels are ``valid`` (h, w) at least in part, and ``shown`` (H, W) in the original image; ``unit`` is the
     number of working pixels per pixel at the nominal side, at most 1."""
 
-    lab: NDArray[np.float32]
-    valid: Bools
-    shown: Bools
-    unit: float
+    def __init__(self, image: NDArray[np.uint8], shown: Bools) -> None:
+        """Reduce an (H, W, 3) uint8 RGB image to the working size; pixels outside of (H, W) ``shown`` have no influence."""
+        height, width = shown.shape
+        size = shrunk_size(width, height, _SIDE)
+        weight = cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        kept = np.where(shown[..., None], image, 0).astype(np.float32) / 255
+        valid = weight > 1e-6
+        # The mean over valid pixels only.
+        rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA) / np.where(valid, weight, 1)[..., None]
+        if valid.any() and not valid.all():
+            _, nearest = cv2.distanceTransformWithLabels(
+                (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+            )
+            nearest = np.asarray(nearest, np.int32)
+            color_of = np.zeros((nearest.max() + 1, 3), np.float32)
+            color_of[nearest[valid]] = rgb[valid]
+            rgb = color_of[nearest]
+        lab = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), np.float32)
+        self.lab, self.valid, self.shown, self.unit = lab, valid, shown, max(size) / _SIDE
 
 
 def segment_video(video: Video) -> Segmented:
@@ -71,7 +84,7 @@ def segment_video(video: Video) -> Segmented:
     labels, instances = LabelMaps((video.length, len(LEVELS), *current[0].shape)), []
     previous: WorkingImage | None = None
     for frame in progress(range(video.length), "tracking regions"):
-        image = reduce_image(video.image(frame), video.shown(frame))
+        image = WorkingImage(video.image(frame), video.shown(frame))
         fine, *levels = partition(image)
         origins = None
         if previous is not None and previous.shown.any() and image.shown.any():
@@ -185,27 +198,6 @@ def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
     near = np.linalg.norm(moved - corners, axis=2).max() < max(source.shape)
     in_order = cv2.isContourConvex(moved) and cv2.contourArea(moved, oriented=True) > 0
     return np.asarray(found, np.float64) if ahead and near and in_order else np.eye(3)
-
-
-def reduce_image(image: NDArray[np.uint8], shown: Bools) -> WorkingImage:
-    """Reduce an (H, W, 3) uint8 RGB image to the working size; pixels outside of (H, W) ``shown`` have no influence."""
-    height, width = shown.shape
-    size = shrunk_size(width, height, _SIDE)
-    weight = cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    kept = np.where(shown[..., None], image, 0).astype(np.float32) / 255
-    valid = weight > 1e-6
-    # The mean over valid pixels only.
-    rgb = cv2.resize(kept, size, interpolation=cv2.INTER_AREA) / np.where(valid, weight, 1)[..., None]
-    if valid.any() and not valid.all():
-        _, nearest = cv2.distanceTransformWithLabels(
-            (~valid).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-        )
-        nearest = np.asarray(nearest, np.int32)
-        color_of = np.zeros((nearest.max() + 1, 3), np.float32)
-        color_of[nearest[valid]] = rgb[valid]
-        rgb = color_of[nearest]
-    lab = np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2LAB), np.float32)
-    return WorkingImage(lab, valid, shown, max(size) / _SIDE)
 
 
 def partition(image: WorkingImage) -> Labels:

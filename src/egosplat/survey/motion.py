@@ -14,7 +14,7 @@ from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey import views
 from egosplat.survey.brightness import exposure_changes
-from egosplat.survey.pairs import Bools, Floats, detect_motion, match_images
+from egosplat.survey.pairs import Bools, Floats, Match, detect_motion
 from egosplat.survey.rigid import View
 
 # Longest side of the images that flow is computed of [px].
@@ -90,7 +90,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
         gray = (cv2.cvtColor(frames.row("rgb", frame), cv2.COLOR_RGB2GRAY) for frame in (first, second))
         small = [cv2.resize(one, valid.shape[::-1], interpolation=cv2.INTER_AREA) for one in gray]
         pair_poses, here = (camera_to_world[first], camera_to_world[second]), shown(first)
-        match = match_images(small[0], small[1], here, camera.matrix, pair_poses, shown(second))
+        match = Match(small[0], small[1], here, camera.matrix, pair_poses, shown(second))
         near = views.depth_quantile(camera, pair_poses[0], points, _NEAR_QUANTILE)
         view = View(
             intrinsics=camera.matrix,

@@ -11,7 +11,7 @@ from egosplat.geometry import Array
 from egosplat.moving_regions import Labels, large_regions
 from egosplat.optical_flow import find_flow, is_consistent, pixel_grid, sample
 from egosplat.survey import rigid
-from egosplat.survey.brightness import Bools, Gray, Light, compare_light, equalize
+from egosplat.survey.brightness import Bools, Gray, compare_light, equalize
 
 Floats = NDArray[np.float32]
 
@@ -43,7 +43,6 @@ _MIN_RATIO, _MIN_GAIN = 1.5, 1.0
 _STEP, _STEPS = 1.5, 64
 
 
-@dataclass(frozen=True, eq=False)
 class Match:
     """Two images of (h, w) pixels, the second rotated to the orientation of the first.
 
@@ -57,14 +56,40 @@ class Match:
         light: of surfaces in both; None if too few are measured.
     """
 
-    first: Gray
-    second: Gray
-    flow: Floats
-    homography: Array
-    measured: Bools
-    flow_error: NDArray[np.floating]
-    noise: float
-    light: Light | None
+    def __init__(
+        self,
+        first: Gray,
+        second: Gray,
+        valid: Bools,
+        intrinsics: Array,
+        poses: tuple[Array, Array],
+        second_valid: Bools,
+    ) -> None:
+        """Match two (h, w) uint8 images, of which (h, w) bool pixels are valid, with (4, 4) poses and (3, 3) intrinsics [px]."""
+        homography = rigid.rotation_homography(intrinsics, *poses)
+        rotated = _warp(second, homography)
+        ahead = (pixel_grid(*valid.shape) * homography[2, :2]).sum(axis=2) + homography[2, 2] > 0
+        common = valid & ahead & (_warp(second_valid.astype(np.uint8), homography) > 0)
+        # The border of the common view is blanked in both images, so that it is an edge without motion.
+        first = np.where(common, first, _BLANK)
+        aligned = np.where(common, equalize(rotated, first[common], rotated[common]), _BLANK)
+        forward, backward = find_flow(first, aligned), find_flow(aligned, first)
+        # Padding makes the border of the image a border of the common view.
+        inner = cv2.distanceTransform(np.pad(common, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+        measured = is_consistent(forward, backward, _MAX_FLOW_ERROR) & (inner[1:-1, 1:-1] > _MARGIN)
+        # Now that surfaces are matched, their brightness is compared without what only one image shows.
+        targets = pixel_grid(*valid.shape) + forward
+        matched = sample(rotated, targets)
+        light = compare_light(first, matched, measured, _radii(forward, homography))
+        aligned = np.where(common, equalize(rotated, first[measured], matched[measured]), _BLANK)
+        difference = _mean_of_patch(cv2.absdiff(first, sample(aligned, targets)))
+        noise = (
+            max(_MIN_NOISE, float(np.quantile(difference[measured], _BEST))) if measured.any() else _MIN_NOISE
+        )
+        structure = np.minimum(_texture(first), sample(_texture(aligned), targets))
+        error = noise / (_PATCH * np.sqrt(np.maximum(structure, 1e-12)))
+        self.first, self.second, self.flow, self.homography = first, aligned, forward, homography
+        self.measured, self.flow_error, self.noise, self.light = measured, error, noise, light
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,38 +107,6 @@ class PairMotion:
     voting: int
     noise_px: float
     before_px: float
-
-
-def match_images(
-    first: Gray,
-    second: Gray,
-    valid: Bools,
-    intrinsics: Array,
-    poses: tuple[Array, Array],
-    second_valid: Bools,
-) -> Match:
-    """Match two (h, w) uint8 images, of which (h, w) bool pixels are valid, with (4, 4) poses and (3, 3) intrinsics [px]."""
-    homography = rigid.rotation_homography(intrinsics, *poses)
-    rotated = _warp(second, homography)
-    ahead = (pixel_grid(*valid.shape) * homography[2, :2]).sum(axis=2) + homography[2, 2] > 0
-    common = valid & ahead & (_warp(second_valid.astype(np.uint8), homography) > 0)
-    # The border of the common view is blanked in both images, so that it is an edge without motion.
-    first = np.where(common, first, _BLANK)
-    aligned = np.where(common, equalize(rotated, first[common], rotated[common]), _BLANK)
-    forward, backward = find_flow(first, aligned), find_flow(aligned, first)
-    # Padding makes the border of the image a border of the common view.
-    inner = cv2.distanceTransform(np.pad(common, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-    measured = is_consistent(forward, backward, _MAX_FLOW_ERROR) & (inner[1:-1, 1:-1] > _MARGIN)
-    # Now that surfaces are matched, their brightness is compared without what only one image shows.
-    targets = pixel_grid(*valid.shape) + forward
-    matched = sample(rotated, targets)
-    light = compare_light(first, matched, measured, _radii(forward, homography))
-    aligned = np.where(common, equalize(rotated, first[measured], matched[measured]), _BLANK)
-    difference = _mean_of_patch(cv2.absdiff(first, sample(aligned, targets)))
-    noise = max(_MIN_NOISE, float(np.quantile(difference[measured], _BEST))) if measured.any() else _MIN_NOISE
-    structure = np.minimum(_texture(first), sample(_texture(aligned), targets))
-    error = noise / (_PATCH * np.sqrt(np.maximum(structure, 1e-12)))
-    return Match(first, aligned, forward, homography, measured, error, noise, light)
 
 
 def _texture(image: Gray) -> Floats:

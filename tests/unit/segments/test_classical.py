@@ -14,7 +14,7 @@ SIDE = 128
 def segment(image: np.ndarray, shown: np.ndarray | None = None) -> np.ndarray:
     """The (3, H, W) regions of the levels subpart, part and whole."""
     every = np.ones(image.shape[:2], bool)
-    return classical.partition(classical.reduce_image(image, every if shown is None else shown))[1:]
+    return classical.partition(classical.WorkingImage(image, every if shown is None else shown))[1:]
 
 
 def scene(side: int) -> tuple[np.ndarray, np.ndarray]:
@@ -160,9 +160,9 @@ def test_pictures_larger_than_the_flow_are_tracked_alike(monkeypatch):
     (before, mask), (after, moved) = (
         [cv2.resize(each.astype(np.uint8), **scale) for each in frame(column)] for column in (20, 26)
     )
-    fine = classical.partition(classical.reduce_image(after, np.ones((512, 512), bool)))[0]
+    fine = classical.partition(classical.WorkingImage(after, np.ones((512, 512), bool)))[0]
     monkeypatch.setattr(classical, "_SIDE", 128)
-    images = (classical.reduce_image(image, fine >= 0) for image in (before, after))
+    images = (classical.WorkingImage(image, fine >= 0) for image in (before, after))
     labels = propagate(mask.astype(np.int32), *find_origins(*images), fine)
     assert iou(labels == 1, moved > 0) > 0.9
 

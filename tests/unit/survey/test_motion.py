@@ -9,7 +9,7 @@ from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.geometry import make_pose
 from egosplat.moving_regions import landing, large_regions, lasting_regions, meetings
 from egosplat.survey.motion import measure_motion
-from egosplat.survey.pairs import detect_motion, match_images
+from egosplat.survey.pairs import Match, detect_motion
 from egosplat.survey.rigid import View
 from egosplat.survey.views import choose_pairs, choose_revisits
 from tests.unit.survey.conftest import BOARD, CAMERA, SIZE, image, pose
@@ -29,7 +29,7 @@ EVERYWHERE = np.ones((SIZE, SIZE), bool)
 
 def between(first: np.ndarray, second: np.ndarray, there: np.ndarray, valid: np.ndarray = EVERYWHERE):
     """Motion between images from the origin and from a pose."""
-    match = match_images(first, second, valid, CAMERA.matrix, (HERE, there), valid)
+    match = Match(first, second, valid, CAMERA.matrix, (HERE, there), valid)
     return detect_motion(match, View(CAMERA.matrix, there[:3, 3], 3.0, BOARD / 2), valid)
 
 
