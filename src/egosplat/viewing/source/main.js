@@ -473,7 +473,9 @@ class Page {
     }
     const { words, instances, point } = describe(this.scene, found), { facts } = this.scene;
     const named = ({ word, score, level }) => `${word} ${this.score(score)} (${facts.levels[level]})`;
-    const fitting = words.filter((word) => word.score >= facts.query.min_score).slice(0, 3);
+    // Scores of models that nobody has calibrated tell what is closest, not what fits.
+    const { calibration, found: sure, guess, min_score } = facts.query, least = calibration || sure === guess ? min_score : Infinity;
+    const fitting = words.filter((word) => word.score >= least).slice(0, 3);
     const closest = words.length ? `: closest is ${named(words[0])}` : "";
     $("place").textContent = fitting.length ? fitting.map(named).join(", ") : `No word of the list fits${closest}`;
     const at = instances?.map((number, level) => (number === null ? null : `${facts.levels[level]} ${number}`)).filter(Boolean);
