@@ -62,8 +62,9 @@ def on_page_content(html: str, page: Page, config: MkDocsConfig, files: Files) -
 
 
 def _reference() -> str:
-    """The page of what ``import egosplat`` offers, by its stub."""
+    """The page of what ``import egosplat`` offers, by its stub; options come last."""
     exported = _EXPORTED.findall((ROOT / "src/egosplat/__init__.pyi").read_text())
+    exported.sort(key=lambda one: one[1].endswith("Options"))
     told = "[In Python](docs/python.md) shows them at work."
     parts = (f"::: {module}.{name}\n    options: {{heading: egosplat.{name}}}" for module, name in exported)
     return "\n\n".join(["# Reference", told, *parts])

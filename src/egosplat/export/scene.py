@@ -42,7 +42,7 @@ def export_scene(
     suffix says, or ply. ``query``: only the Gaussians of the best answer (ply, spz), or boxes of answers (rrd); ``codes``: also language
     codes (ply). UserError: an artifact is missing, damaged or of another scene; the query has no answer; or a file is at ``path``.
 
-    >>> egosplat.export_scene(scene, "couch.ply", query="couch")
+    ``egosplat.export_scene(scene, "couch.ply", query="couch")`` writes the couch alone.
     """
     folder, opened = (scene, None) if isinstance(scene, Path) else (scene.folder, scene)
     format = format or ("ply" if path is None else Path(path).suffix[1:].lower())
