@@ -95,8 +95,11 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
     ``transient`` is bool or floating point, clamped to [0, 1]; a value that is not finite has weight 0."""
     if transient is None:
         return valid
-    # A broken value counts as transient: M = 1.
-    static = 1.0 - transient.float().nan_to_num(1.0, 1.0, 1.0).clamp(0.0, 1.0)
+    if transient.dtype == torch.bool:
+        static = (~transient).float()
+    else:
+        # A broken value counts as transient: M = 1.
+        static = 1.0 - transient.float().nan_to_num(1.0, 1.0, 1.0).clamp(0.0, 1.0)
     return static if valid is None else valid * static
 
 
