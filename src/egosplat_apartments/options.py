@@ -13,6 +13,9 @@ class SyntheticOptions(Options):
     seed: Natural = 0
     """Seed of the apartment. Two seeds share no layout. The table of scenes sets it for each scene."""
 
+    walk: Natural = 0
+    """Number of the walk. Another one films the same apartment again, as it was at first, with other people."""
+
     world: Literal["usual", "busy", "foreign"] = "usual"
     """What is recorded. usual: the apartments that the small models were trained on. busy: a fuller room in which two
     people carry one thing after another, each to several places, for 24 s or more. foreign: furniture, floor

@@ -27,7 +27,7 @@ def run(output: Path, options: SyntheticOptions) -> None:
     """Write the recording's folder at ``output``."""
     world = {
         name: getattr(options, name)
-        for name in ("seed", "size", "fps", "seconds", "objects", "motion", "world")
+        for name in ("seed", "size", "fps", "seconds", "objects", "motion", "world", "walk")
     }
     effects = make_effects(options)
     sequence = make_sequence(name=f"synthetic_apartment_seed{options.seed}", **world, effects=effects)
@@ -49,12 +49,13 @@ def make_sequence(
     objects: int = 24,
     motion: float = 0.5,
     world: str = "usual",
+    walk: int = 0,
     effects: Effects = IDEAL,
 ) -> Sequence:
     """Make a recording of a furnished apartment.
 
     Args:
-        seed: determines apartment and walk; the same seed gives the same recording, bit by bit.
+        seed: of the apartment; walk: number of the walk through it. Both determine the recording, bit by bit.
         size: side of the square image [px]; fps: frames per second; seconds: length.
         objects: number of labeled objects, 16 to 40.
         motion: fraction 0..1 of the time in which people are at work.
@@ -66,7 +67,7 @@ def make_sequence(
         UserError: the objects do not fit.
         ValueError: ``motion`` is out of range.
     """
-    made = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion, world=world)
+    made = make_world(seed=seed, seconds=seconds, objects=objects, motion=motion, world=world, walk=walk)
     renderer = make_renderer(made, make_lens(size))
     return record_world(made, renderer, name=name, fps=fps, seconds=seconds, effects=effects)
 

@@ -101,12 +101,15 @@ class World:
         return dict(enumerate(poses, self.geometry.group("static")[1]))
 
 
-def make_world(*, seed: int, seconds: float, objects: int, motion: float, world: str = "usual") -> World:
+def make_world(
+    *, seed: int, seconds: float, objects: int, motion: float, world: str = "usual", walk: int = 0
+) -> World:
     """Make the world to be rendered; parameters as for ``make_sequence``."""
     share = float(motion)
     if not 0 <= share <= 1:
         raise ValueError(f"motion is {motion}, not within 0..1")
-    layout_rng, motion_rng, people_rng = (np.random.default_rng([seed, stream]) for stream in range(3))
+    layout_rng = np.random.default_rng([seed, 0])
+    motion_rng, people_rng = (np.random.default_rng([seed, stream, walk]) for stream in (1, 2))
     if world == "busy" and share > 0:
         apartment, chores = _busy_apartment(layout_rng, motion_rng, objects, seconds, share * seconds)
         head, people = chores[0], _busy_people(apartment, *chores, people_rng)

@@ -11,6 +11,7 @@ from egosplat_apartments.camera.lighting import face_normals
 from egosplat_apartments.camera.raycasting import Body, body_scene, build_geometry
 from egosplat_apartments.objects.catalogue import CATEGORY_UIDS
 from egosplat_apartments.objects.model import boxes_touch
+from egosplat_apartments.world.world import make_world
 from tests.unit.apartments.conftest import OBJECTS, SMALL_WORLD
 
 DIRECTIONS = np.random.default_rng(1).normal(size=(9, 3)).astype(np.float32)
@@ -61,7 +62,7 @@ def test_categories_are_adts(real_data):
     assert {name: known[name] for name in CATEGORY_UIDS if name in known}.items() <= CATEGORY_UIDS.items()
 
 
-def test_different_seeds_give_different_apartments(apartment, small_world):
+def test_different_seeds_give_different_apartments_and_walks_the_same(apartment, small_world):
     one, other = (
         [{thing.instance_id for thing in home.instances}, {thing.category for thing in home.instances}]
         for home in (apartment, small_world.apartment)
@@ -69,14 +70,17 @@ def test_different_seeds_give_different_apartments(apartment, small_world):
     assert not one[0] & other[0] and one[1] != other[1]
     walls = [home.shell[0].texture.pixels.astype(float) for home in (apartment, small_world.apartment)]
     assert np.abs(walls[0] - walls[1]).mean() > 8
+    again = make_world(**SMALL_WORLD, walk=1)
+    poses = [[thing.pose for thing in world.apartment.things] for world in (again, small_world)]
+    ways = [world.head.world_from_camera(np.linspace(0, 3, 7)) for world in (again, small_world)]
+    assert np.array_equal(*poses) and np.abs(ways[0] - ways[1]).max() > 0.1
 
 
 def test_objects_do_not_intersect(apartment):
     checked = 0
     for one, other in itertools.permutations(apartment.things, 2):
         if boxes_touch(one.bounds, other.bounds, 0.05):
-            inside = is_inside(other, surface_points(one, inwards=0.004))
-            assert not inside.any()
+            assert not is_inside(other, surface_points(one, inwards=0.004)).any()
             checked += 1
     assert checked > 5
 
@@ -108,11 +112,9 @@ def test_objects_stand_on_the_floor_or_on_their_support(apartment):
 
 
 def test_the_floor_is_walkable_and_the_door_reachable(apartment):
-    assert apartment.plan.reaches_door
-    assert apartment.plan.walkable_m2 > 2.5
+    assert apartment.plan.reaches_door and apartment.plan.walkable_m2 > 2.5
     cells = np.argwhere(apartment.plan.inside)
-    ends = apartment.plan.place(cells[[0, -1]])
-    route = apartment.plan.route(ends[0], ends[1])
+    route = apartment.plan.route(*apartment.plan.place(cells[[0, -1]]))
     assert np.linalg.norm(np.diff(route, axis=0), axis=1).max() < 0.1
     for thing in apartment.things:
         if thing.bounds[0, 1] < 1.8:

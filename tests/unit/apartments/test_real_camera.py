@@ -105,7 +105,7 @@ def test_effects_on_light_change_frames_alone(film, ideal, name):
 
 
 def test_the_ground_truth_is_exact_and_the_closed_loop_errs(ideal, small_world, tmp_path, monkeypatch):
-    asked = SMALL_WORLD | {"world": "usual"}
+    asked = SMALL_WORLD | {"world": "usual", "walk": 0}
     monkeypatch.setattr(stage, "make_world", lambda **keys: small_world if keys == asked else None)
     options = SyntheticOptions(**defaults()["synthetic"] | TINY | {"camera": "real"})
     run(tmp_path / "real", options)
