@@ -163,7 +163,7 @@ def test_pictures_without_poses_are_refused(scene, refused, plain_frames, tmp_pa
 
 
 def test_a_damaged_artifact_is_named_by_its_readers_and_by_check(scene, refused):
-    flip(scene / "frames.zarr/timestamp_ns/c/0", -6)
+    flip(scene / "frames.zarr/timestamp_ns/c.0", -6)
     assert "frames.zarr: array 'timestamp_ns'" in refused(*annotations(scene))
     assert "not sound" in refused("check", scene)
 
@@ -174,7 +174,7 @@ def test_poses_of_other_frames_are_refused(scene, refused, plain_frames, tmp_pat
 
 
 def test_a_damaged_picture_is_not_trained_on(scene, refused):
-    chunk = scene / "frames.zarr/rgb/c/0/0/0/0"
+    chunk = scene / "frames.zarr/rgb/c.0.0.0.0"
     flip(chunk, chunk.stat().st_size // 2)
     assert "frames.zarr: array 'rgb', chunk 0" in refused(*splats(scene))
 

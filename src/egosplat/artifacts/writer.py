@@ -10,22 +10,24 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from zarr.codecs import Crc32cCodec, ZstdCodec
 
 from egosplat.artifacts.integrity import ArtifactError, check_replaceable, digest_of, seal
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.schema import Schema, check_shape, sizes_of
+from egosplat.artifacts.shards import CHUNKS_IN_SHARD, CODECS, Shards
 from egosplat.files import atomic_directory
 
 
 class Writer:
     """The arrays of an artifact that is being written; from ``create``."""
 
-    def __init__(self, path: Path, group: zarr.Group, schema: Schema) -> None:
-        self._path, self._group, self._schema = path, group, schema
+    def __init__(self, path: Path, scratch: Path, schema: Schema) -> None:
+        self._path, self._scratch, self._schema = path, scratch, schema
+        # Mode "w" would replace the folder and lose its lock.
+        self._group = zarr.open_group(scratch, mode="a")
         self._sizes: dict[str, int] = {}
         self._arrays: dict[str, zarr.Array] = {}
-        self._rows_missing: dict[str, set[int]] = {}
+        self._shards: dict[str, Shards] = {}
         self._highest: dict[str, int] = {}
         self.facts: dict[str, Any] = {}
         """Small results that are not arrays; plain JSON values."""
@@ -37,31 +39,34 @@ class Writer:
             raise ValueError(f"{name}: {values.dtype} given, {declared} declared")
         array = self._create(name, values.shape)
         self._check(name, values)
-        array[...] = values
+        if name in self._shards:
+            self._shards[name].put(0, values)
+        else:
+            array[...] = values
 
     def allocate(self, name: str, shape: tuple[int, ...]) -> None:
-        """Create an array whose rows ``put_row`` writes."""
+        """Create an array whose rows ``put_row`` writes; ValueError unless each is a chunk."""
+        if self._schema.fields[name].by_row != 1:
+            raise ValueError(f"{name}: is not written by row")
         self._create(name, shape)
-        self._rows_missing[name] = set(range(shape[0]))
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
-        """Store row ``index`` of an allocated array; shape and element type must match exactly. Raises as ``put``."""
+        """Store row ``index`` of an allocated array, once; shape and element type must match exactly. Raises as ``put``."""
         array = self._arrays[name]
         if values.shape != array.shape[1:] or values.dtype != array.dtype:
             expected = f"{array.dtype} {array.shape[1:]} expected"
             raise ValueError(f"{name}[{index}]: {values.dtype} {values.shape} given, {expected}")
         self._check(name, values)
-        array[index] = values
-        self._rows_missing[name].discard(index)
+        self._shards[name].put(index, values[None])
 
     def finish(self) -> None:
         """Check that every declared array and row was written, and indices against the sizes that are known now."""
         fields = self._schema.fields.items()
         if missing := sorted({name for name, field in fields if not field.optional} - set(self._arrays)):
             raise ValueError(f"artifact {self._schema.name}: never written: {', '.join(missing)}")
-        for name, rows in self._rows_missing.items():
-            if rows:
-                raise ValueError(f"artifact {self._schema.name}: {name} lacks {len(rows)} rows")
+        for name, shards in self._shards.items():
+            if missing := shards.finish():
+                raise ValueError(f"artifact {self._schema.name}: {name} lacks {missing} rows")
         sizes = sizes_of(self._sizes, self.facts)
         for name, highest in self._highest.items():
             self._raise(name, self._schema.fields[name].values.find_fault(np.array(highest), sizes))
@@ -82,20 +87,26 @@ class Writer:
     def _create(self, name: str, shape: tuple[int, ...]) -> zarr.Array:
         declared = self._schema.fields[name]
         check_shape(declared, shape, self._sizes, name)
-        rows = min(declared.by_row, shape[0]) if declared.by_row else shape[0]
+        rows, *rest = (max(1, size) for size in shape)
+        in_chunk = min(declared.by_row, rows) or rows
+        in_shard = min(CHUNKS_IN_SHARD, -(-rows // in_chunk))
         array = self._group.create_array(
             name,
             shape=shape,
             dtype=declared.dtype,
-            chunks=tuple(max(1, size) for size in (rows, *shape[1:])),
-            # The checksum is over the compressed bytes, so damage is found before they are unpacked.
-            compressors=[ZstdCodec(level=3), Crc32cCodec()],
+            chunks=(in_chunk, *rest),
+            shards=(in_chunk * in_shard, *rest) if declared.by_row else None,
+            compressors=CODECS,
+            # All files of an array lie in one folder.
+            chunk_key_encoding={"name": "default", "separator": "."},
             dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
             # All-zero chunks are stored too, so that a missing file always means damage.
             config={"write_empty_chunks": True},
             attributes={"unit": declared.unit, "about": declared.about},
         )
         self._arrays[name] = array
+        if declared.by_row:
+            self._shards[name] = Shards(self._scratch / name, array, in_shard)
         return array
 
 
@@ -105,8 +116,7 @@ def create(path: Path, schema: Schema, provenance: Provenance) -> Iterator[Write
     the same kind (ArtifactError: something else is there, or the schema does not allow a number)."""
     check_replaceable(path, schema)
     with atomic_directory(path) as scratch:
-        # Mode "w" would replace the folder and lose its lock.
-        writer = Writer(path, zarr.open_group(scratch, mode="a"), schema)
+        writer = Writer(path, scratch, schema)
         yield writer
         writer.finish()
         attributes = {

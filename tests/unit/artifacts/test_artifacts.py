@@ -12,7 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zarr
 
+from egosplat.artifacts import writer
 from egosplat.artifacts.integrity import ArtifactError, seal
 from egosplat.artifacts.lineage import check_tree
 from egosplat.artifacts.provenance import Provenance
@@ -32,12 +34,13 @@ TINY = Schema(
     },
 )
 VIEWS = 8
-"""Three chunks; the last one is not full."""
+"""Three chunks in two shards; the last one of both is not full."""
 
 
 @pytest.fixture(autouse=True)
 def known(monkeypatch):
     monkeypatch.setitem(SCHEMAS, "tiny", TINY)
+    monkeypatch.setattr(writer, "CHUNKS_IN_SHARD", 2)
 
 
 def made(inputs=None) -> Provenance:
@@ -54,8 +57,8 @@ def write(path: Path, points: int = 5, inputs=None, seed: int = 0) -> dict[str, 
     values["feature"] = rng.normal(size=(VIEWS, 2)).astype(np.float32)
     with create(path, TINY, made(inputs)) as artifact:
         artifact.allocate("rows", rows.shape)
-        for index, row in enumerate(rows):
-            artifact.put_row("rows", index, row)
+        for index in (2, 1, 0, 3):
+            artifact.put_row("rows", index, rows[index])
         for name, array in values.items():
             artifact.put(name, array)
         artifact.facts = {"answer": 42}
@@ -119,6 +122,7 @@ def fill(artifact, rows=range(4), **facts):
         (lambda a: (fill(a), a.put_row("rows", 0, np.zeros((6, 3)))), "float64"),
         (lambda a: None, "never written: feature, flags, points/xyz, rows"),
         (lambda a: fill(a, rows=(0, 1, 3)), "rows lacks 1 rows"),
+        (lambda a: a.allocate("feature", (4, 2)), "feature: is not written by row"),
         (lambda a: fill(a, bad=float("nan")), "JSON"),
     ],
 )
@@ -140,7 +144,7 @@ def flip(file: Path, position: int = -9) -> None:
 
 def test_a_flipped_byte_is_named_when_it_is_read(tmp_path):
     write(tmp_path / "a.zarr")
-    flip(tmp_path / "a.zarr/rows/c/2/0/0")
+    flip(tmp_path / "a.zarr/rows/c.1.0.0", 5)
     artifact = open_artifact(tmp_path / "a.zarr", TINY)
     artifact.row("rows", 1)
     for read, *given in (
@@ -159,7 +163,7 @@ def test_an_artifact_may_lack_an_optional_array_and_no_other(tmp_path):
         artifact.put("a", np.arange(3))
     found = verify(path, {"tiny": schema})
     assert found.arrays == ["a"] and found.has("a") and not found.has("b")
-    (path / "a/c/0").write_bytes(b"damaged")
+    (path / "a/c.0").write_bytes(b"damaged")
     with pytest.raises(ArtifactError, match="'a' cannot be read"):
         verify(path, {"tiny": schema})
     with pytest.raises(ValueError, match="never written: a"), create(path, schema, made()) as artifact:
@@ -170,26 +174,46 @@ def test_an_artifact_may_lack_an_optional_array_and_no_other(tmp_path):
     assert verify(path, {"tiny": schema}).arrays == ["a", "b"]
 
 
-@pytest.mark.parametrize("rows, chunks", [(VIEWS, 3), (3, 1), (2, 1), (0, 0)])
-def test_a_chunk_holds_as_many_rows_as_declared(tmp_path, rows, chunks):
+@pytest.mark.parametrize("rows, chunks, files", [(VIEWS, 3, 2), (3, 1, 1), (2, 1, 1), (0, 0, 0)])
+def test_a_chunk_holds_as_many_rows_as_declared_and_a_file_two_chunks(tmp_path, rows, chunks, files):
     schema = Schema("tiny", 2, {"feature": TINY.fields["feature"]})
     values = np.arange(2 * rows, dtype=np.float32).reshape(rows, 2)
-    with create(tmp_path / "whole.zarr", schema, made()) as artifact:
+    with create(tmp_path / "a.zarr", schema, made()) as artifact:
         artifact.put("feature", values)
-    with create(tmp_path / "rows.zarr", schema, made()) as artifact:
-        artifact.allocate("feature", values.shape)
-        for index in reversed(range(rows)):
-            artifact.put_row("feature", index, values[index])
-    for name in ("whole.zarr", "rows.zarr"):
-        assert sum(file.is_file() for file in (tmp_path / name / "feature").glob("c/**/*")) == chunks
-        np.testing.assert_array_equal(open_artifact(tmp_path / name, schema).read("feature"), values)
+    found = open_artifact(tmp_path / "a.zarr", schema)
+    assert len([*found.chunks("feature")]) == chunks
+    assert len([*(tmp_path / "a.zarr/feature").glob("c*")]) == files
+    np.testing.assert_array_equal(found.read("feature"), values)
+
+
+def test_a_reader_of_one_frame_reads_its_chunk_and_the_index_alone(tmp_path):
+    rows, shard = write(tmp_path / "a.zarr")["rows"], tmp_path / "a.zarr/rows/c.0.0.0"
+    artifact, whole = open_artifact(tmp_path / "a.zarr", TINY), shard.read_bytes()
+    # By Zarr's specification, at the end: first byte and length of each of two chunks, and a checksum.
+    first = np.frombuffer(whole[-36:-4], "<u8")[0]
+    without_1 = bytes(first) + whole[first:]
+    for content in (without_1, b"", whole[:3], whole[:-1], whole[1:]):
+        shard.write_bytes(content)
+        with pytest.raises(ArtifactError, match="'rows', chunk 1 .*checksum"):
+            artifact.row("rows", 1)
+    shard.write_bytes(without_1)
+    np.testing.assert_array_equal(artifact.row("rows", 0), rows[0])
+
+
+def test_an_artifact_of_an_older_egosplat_with_a_file_a_chunk_is_read(tmp_path):
+    write(tmp_path / "a.zarr")
+    group = zarr.open_group(tmp_path / "a.zarr", mode="a")
+    rows = group["rows"][:]
+    every = {"write_empty_chunks": True}
+    group.create_array("rows", data=rows, chunks=(1, 6, 3), overwrite=True, config=every)
+    np.testing.assert_array_equal(open_artifact(tmp_path / "a.zarr", TINY).read("rows"), rows)
 
 
 @pytest.mark.parametrize(
     "damage, message",
     [
-        (lambda p: (p / "rows/c/1/0/0").unlink(), "'rows' lacks 1 of 4 chunks"),
-        (lambda p: (p / "feature/c/1/0").unlink(), "'feature' lacks 1 of 3 chunks"),
+        (lambda p: (p / "rows/c.0.0.0").unlink(), "'rows' lacks chunks"),
+        (lambda p: (p / "feature/c.1.0").unlink(), "'feature' lacks chunks"),
         (lambda p: (p / "flags/zarr.json").unlink(), "array 'flags' is missing"),
         (lambda p: (p / "flags/zarr.json").write_text("{"), "array 'flags' is unreadable"),
         (lambda p: (p / "zarr.json").unlink(), "no readable Zarr group"),
@@ -211,7 +235,7 @@ def test_the_digest_is_of_the_content_and_detects_damage_that_reading_misses(tmp
     assert a == b != c
     (tmp_path / "a.zarr/.snakemake_timestamp").touch()
     assert verify(tmp_path / "a.zarr", SCHEMAS), "a file of Snakemake is no damage"
-    chunk = "rows/c/3/0/0"
+    chunk = "rows/c.1.0.0"
     (tmp_path / "a.zarr" / chunk).write_bytes((tmp_path / "c.zarr" / chunk).read_bytes())
     open_artifact(tmp_path / "a.zarr", TINY).read("rows")  # a well-formed chunk of another artifact
     with pytest.raises(ArtifactError, match="digest"):
@@ -317,8 +341,8 @@ def test_check_distinguishes_valid_damaged_and_outdated_artifacts(tmp_path):
     write(tmp_path / "a.zarr", seed=9)
     problems = [*check_tree(tmp_path, lines.append).values()]
     assert problems[0] == "" and "made from another a.zarr" in problems[1]
-    flip(tmp_path / "a.zarr/rows/c/0/0/0")
-    assert "chunk 0" in check_tree(tmp_path / "a.zarr", lines.append)[tmp_path / "a.zarr"]
+    flip(tmp_path / "a.zarr/rows/c.0.0.0", 5)
+    assert "chunk 1" in check_tree(tmp_path / "a.zarr", lines.append)[tmp_path / "a.zarr"]
 
 
 @pytest.mark.parametrize("part", ["format_version", "digest", "facts", "provenance"])
