@@ -152,13 +152,16 @@ class Workdir:
         done = self.snakemake("more.yaml", "--dry-run", "--quiet", "host", "--", *targets)
         assert done.returncode == 0, done.stdout + done.stderr
         output = done.stdout + done.stderr
-        found = {
-            line.split()[1].rstrip(":")
-            for line in output.splitlines()
-            if re.match(r"(local)?(rule|checkpoint) ", line)
-        }
+        found = set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+)", output, re.MULTILINE))
         assert found or "Nothing to be done" in output, output
         return found
+
+    def edges(self, *arguments: object) -> set[tuple[str, str]]:
+        """Pairs of rules of a plan, of which the second reads what the first makes."""
+        done = self.snakemake(*arguments)
+        assert done.returncode == 0, done.stderr
+        names = dict(re.findall(r'(\d+)\[label = "([^"\\]+)', done.stdout))
+        return {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
 
     def own_code(self) -> Path:
         """The folder of its own copy of the code, which is made when it is first asked for."""

@@ -10,6 +10,7 @@ import pytest
 
 from egosplat.pipeline.stages import PATHS, STAGES
 from tests.unit.artifacts.test_artifacts import flip
+from tests.unit.frames.conftest import grey_frames, write_video
 
 SCENE = Path("results/adt/scene1")
 
@@ -81,14 +82,6 @@ def splats(scene: Path, **changes: object) -> list[object]:
     return words("splats", scene, flags | changes)
 
 
-def video(path: Path, count: int = 4, size: int = 64) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"mp4v"), 10, (size, size))
-    for index in range(count):
-        writer.write(np.full((size, size, 3), 60 * index, np.uint8))
-    writer.release()
-    return path
-
-
 def cut(path: Path, keep: int) -> None:
     path.write_bytes(path.read_bytes()[:keep])
 
@@ -157,7 +150,7 @@ def test_bad_known_poses_leave_no_frames(scene, refused, tmp_path, files, proble
     "method, problem", [("device", "has no device trajectory"), ("auto", "0 of 4 frames")]
 )
 def test_pictures_without_poses_are_refused(scene, refused, plain_frames, tmp_path, method, problem):
-    path = video(tmp_path / "v.mp4")
+    path = write_video(tmp_path / "v.mp4", grey_frames(4))
     changes = {"frames": plain_frames(path), "output": scene / "p.zarr", "method": method}
     assert problem in refused(*poses(scene, recording=path, **changes))
 
@@ -169,13 +162,12 @@ def test_a_damaged_artifact_is_named_by_its_readers_and_by_check(scene, refused)
 
 
 def test_poses_of_other_frames_are_refused(scene, refused, plain_frames, tmp_path):
-    other = plain_frames(video(tmp_path / "v.mp4"))
+    other = plain_frames(write_video(tmp_path / "v.mp4", grey_frames(4)))
     assert "poses.zarr: was made from another new.zarr" in refused(*splats(scene, frames=other))
 
 
 def test_a_damaged_picture_is_not_trained_on(scene, refused):
-    chunk = scene / "frames.zarr/rgb/c.0.0.0.0"
-    flip(chunk, chunk.stat().st_size // 2)
+    flip(scene / "frames.zarr/rgb/c.0.0.0.0", 100)
     assert "frames.zarr: array 'rgb', chunk 0" in refused(*splats(scene))
 
 

@@ -32,10 +32,7 @@ def made(workdir, config: str, *targets: str) -> set[str]:
 
 def edges(workdir, config: str, *targets: str) -> set[tuple[str, str]]:
     (workdir.folder / "more.yaml").write_text(config)
-    done = workdir.snakemake("more.yaml", "--rulegraph", "--", *targets)
-    assert done.returncode == 0, done.stderr
-    names = dict(re.findall(r'(\d+)\[label = "([^"\\]+)', done.stdout))
-    return {(names[a], names[b]) for a, b in re.findall(r"(\d+) -> (\d+)", done.stdout)}
+    return workdir.edges("more.yaml", "--rulegraph", "--", *targets)
 
 
 @pytest.fixture(scope="module")
