@@ -1,4 +1,4 @@
-"""Memory of ``splats`` and ``transient`` on a long recording, and files of its frames, without filming one.
+"""Memory of ``splats`` and ``transient`` on a long recording, without filming one.
 
     python -m benchmarks.long_recording FOLDER
 
@@ -18,7 +18,7 @@ import numpy as np
 
 from benchmarks.common import command, markdown, output_of
 from egosplat.artifacts.provenance import begin
-from egosplat.artifacts.reader import Artifact, open_artifact, recorded_digest
+from egosplat.artifacts.reader import Artifact, recorded_digest
 from egosplat.artifacts.schema import Schema
 from egosplat.artifacts.schemas import FRAMES, MASKS, POSES
 from egosplat.artifacts.writer import Writer, create
@@ -36,13 +36,12 @@ STAGES = ("splats", "transient")
 @click.option("--iterations", default=50, show_default=True)
 @click.option("--stage", type=click.Choice(STAGES), help="Run this stage only, in this process.")
 def main(folder: Path, frames: int, size: int, iterations: int, stage: str | None) -> None:
-    """Write the recording, read its frames, run both stages, print a table of each."""
+    """Write the recording, run both stages, print a table."""
     if not (folder / "poses.zarr").exists():
         write_recording(folder, frames, size)
     if stage:
         run(stage, folder, size, iterations)
         return
-    click.echo(markdown(["frames.zarr: files", "folders", "MiB", "all frames [CPU-s]"], [files(folder)]))
     rows = [row(one, folder, frames, size, iterations) for one in STAGES]
     click.echo(markdown(["stage", "frames", "side [px]", "iterations", "memory [GiB]", "time [s]"], rows))
 
@@ -53,16 +52,6 @@ def row(stage: str, folder: Path, frames: int, size: int, iterations: int) -> li
     words = ("--stage", stage, "--size", size, "--iterations", iterations)
     said = output_of("benchmarks.long_recording", folder.resolve(), *words)
     return [stage, frames, size, iterations, said.split()[-1], f"{time.perf_counter() - started:.0f}"]
-
-
-def files(folder: Path) -> list[object]:
-    """A row: how the frames are stored, and the time to read them one by one."""
-    frames, started = open_artifact(folder / "frames.zarr", FRAMES), time.process_time()
-    for frame in range(frames.shape("rgb")[0]):
-        frames.row("rgb", frame)
-    taken, inside = time.process_time() - started, [*frames.path.rglob("*")]
-    kept = [path.stat().st_size for path in inside if path.is_file()]
-    return [len(kept), len(inside) - len(kept), f"{sum(kept) / 2**20:.0f}", f"{taken:.2f}"]
 
 
 def run(stage: str, folder: Path, size: int, iterations: int) -> None:
