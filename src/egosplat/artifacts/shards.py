@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import zarr
 from numpy.typing import NDArray
-from zarr.abc.codec import BytesBytesCodec
 from zarr.codecs import Crc32cCodec, ZstdCodec
 
 # An hour of frames is hundreds of files, not a hundred thousand. A file of pictures of 1408 px has a quarter of a gigabyte.
@@ -16,46 +15,37 @@ CHUNKS_IN_SHARD = 64
 CODECS = ZstdCodec(level=3), Crc32cCodec()
 
 
-# In an index: nowhere.
-_NOWHERE = 2**64 - 1
-
-
 class Shards:
     """The files of an array with shards, written chunk by chunk: Zarr would hold a shard in memory, or write it again
     for each chunk."""
 
     def __init__(self, folder: Path, array: zarr.Array, chunks_in_shard: int) -> None:
-        self._folder, self._array = folder, array
+        self._folder, self.array = folder, array
         self._chunks = -(-array.shape[0] // array.chunks[0]) if array.size else 0
-        # First byte and number of bytes of each chunk in its file.
-        self._index = np.full((-(-self._chunks // chunks_in_shard), chunks_in_shard, 2), _NOWHERE, np.uint64)
+        # First byte and number of bytes of each chunk in its file, -1 where it is not put.
+        self._index = np.full((-(-self._chunks // chunks_in_shard), chunks_in_shard, 2), -1, np.int64)
 
     def put(self, first: int, values: NDArray[Any]) -> None:
         """Write the chunks of rows from ``first`` on; only the array's last chunk may be short."""
-        rows = self._array.chunks[0]
+        rows = self.array.chunks[0]
         for start in range(0, len(values) if values.size else 0, rows):
-            encoded = _encode(values[start : start + rows], self._array.chunks, *CODECS)
             shard, place = divmod((first + start) // rows, self._index.shape[1])
-            self._index[shard, place] = self._append(shard, encoded), len(encoded)
+            chunk = values[start : start + rows]
+            self._index[shard, place] = self._add(shard, chunk, self.array.chunks, *CODECS)
 
     def finish(self) -> int:
         """Write the index of each file at its end; returns the number of chunks that were not put."""
         for shard, index in enumerate(self._index):
-            self._append(shard, _encode(index, index.shape, Crc32cCodec()))
-        return int((self._index.reshape(-1, 2)[: self._chunks, 0] == _NOWHERE).sum())
+            self._add(shard, index, index.shape, Crc32cCodec())
+        return int((self._index.reshape(-1, 2)[: self._chunks, 0] < 0).sum())
 
-    def _append(self, shard: int, encoded: bytes) -> int:
-        """Returns the place of the first byte."""
-        name = self._array.metadata.encode_chunk_key((shard, *[0] * (self._array.ndim - 1)))
+    def _add(self, shard: int, values: NDArray[Any], shape: tuple[int, ...], *codecs: Any) -> tuple[int, int]:
+        """Write values, and zeros up to a shape, as Zarr stores a chunk; returns its first byte and number of bytes."""
+        store: dict[str, Any] = {}
+        kind = {"dtype": values.dtype, "compressors": codecs, "config": {"write_empty_chunks": True}}
+        chunk = zarr.create_array(store, shape=shape, chunks=shape, **kind)
+        chunk[: len(values)] = values
+        encoded = store[chunk.metadata.encode_chunk_key((0,) * chunk.ndim)].to_bytes()
+        name = self.array.metadata.encode_chunk_key((shard, *[0] * (self.array.ndim - 1)))
         with (self._folder / name).open("ab") as file:
-            file.write(encoded)
-            return file.tell() - len(encoded)
-
-
-def _encode(values: NDArray[Any], shape: tuple[int, ...], *codecs: BytesBytesCodec) -> bytes:
-    """A chunk of a shape as Zarr stores it, with zeros after the values."""
-    store: dict[str, Any] = {}
-    kind = {"dtype": values.dtype, "compressors": codecs, "config": {"write_empty_chunks": True}}
-    chunk = zarr.create_array(store, shape=shape, chunks=shape, **kind)
-    chunk[: len(values)] = values
-    return store[chunk.metadata.encode_chunk_key((0,) * chunk.ndim)].to_bytes()
+            return file.tell(), file.write(encoded)

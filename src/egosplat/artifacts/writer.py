@@ -26,23 +26,15 @@ class Writer:
         # Mode "w" would replace the folder and lose its lock.
         self._group = zarr.open_group(scratch, mode="a")
         self._sizes: dict[str, int] = {}
-        self._arrays: dict[str, zarr.Array] = {}
-        self._shards: dict[str, Shards] = {}
+        self._arrays: dict[str, Shards] = {}
         self._highest: dict[str, int] = {}
         self.facts: dict[str, Any] = {}
         """Small results that are not arrays; plain JSON values."""
 
     def put(self, name: str, values: NDArray[Any]) -> None:
         """Store a whole array; ValueError for another shape or element type, ArtifactError if a number is not allowed."""
-        values = np.asarray(values)
-        if values.dtype != np.dtype(declared := self._schema.fields[name].dtype):
-            raise ValueError(f"{name}: {values.dtype} given, {declared} declared")
-        array = self._create(name, values.shape)
-        self._check(name, values)
-        if name in self._shards:
-            self._shards[name].put(0, values)
-        else:
-            array[...] = values
+        self._create(name, values.shape)
+        self._store(name, 0, values)
 
     def allocate(self, name: str, shape: tuple[int, ...]) -> None:
         """Create an array whose rows ``put_row`` writes; ValueError unless each is a chunk."""
@@ -52,39 +44,38 @@ class Writer:
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
         """Store row ``index`` of an allocated array, once; shape and element type must match exactly. Raises as ``put``."""
-        array = self._arrays[name]
-        if values.shape != array.shape[1:] or values.dtype != array.dtype:
-            expected = f"{array.dtype} {array.shape[1:]} expected"
-            raise ValueError(f"{name}[{index}]: {values.dtype} {values.shape} given, {expected}")
-        self._check(name, values)
-        self._shards[name].put(index, values[None])
+        self._store(name, index, values[None])
 
     def finish(self) -> None:
         """Check that every declared array and row was written, and indices against the sizes that are known now."""
         fields = self._schema.fields.items()
         if missing := sorted({name for name, field in fields if not field.optional} - set(self._arrays)):
             raise ValueError(f"artifact {self._schema.name}: never written: {', '.join(missing)}")
-        for name, shards in self._shards.items():
+        for name, shards in self._arrays.items():
             if missing := shards.finish():
                 raise ValueError(f"artifact {self._schema.name}: {name} lacks {missing} rows")
         sizes = sizes_of(self._sizes, self.facts)
         for name, highest in self._highest.items():
             self._raise(name, self._schema.fields[name].values.find_fault(np.array(highest), sizes))
 
-    def _check(self, name: str, values: NDArray[Any]) -> None:
-        """Check the numbers of an array or of a row."""
+    def _store(self, name: str, first: int, values: NDArray[Any]) -> None:
+        """Check and store rows from ``first`` on."""
+        declared, given = self._arrays[name].array, (values.dtype, values.shape[1:])
+        if given != (declared.dtype, declared.shape[1:]):
+            raise ValueError(f"{name}: {given} given, {declared.dtype} {declared.shape[1:]} declared")
         allowed = self._schema.fields[name].values
         self._raise(name, allowed.find_fault(values, {}))
         # Labels are written before the instances are counted.
         if allowed.below is not None and values.size:
             self._highest[name] = max(int(values.max()), self._highest.get(name, -1))
+        self._arrays[name].put(first, values)
 
     def _raise(self, name: str, fault: str) -> None:
         if fault:
             advice = f"An input may be broken: egosplat check {shlex.quote(str(self._path.parent))}"
             raise ArtifactError(f"{self._path}: is not written: array {name!r} {fault}. {advice}")
 
-    def _create(self, name: str, shape: tuple[int, ...]) -> zarr.Array:
+    def _create(self, name: str, shape: tuple[int, ...]) -> None:
         declared = self._schema.fields[name]
         check_shape(declared, shape, self._sizes, name)
         rows, *rest = (max(1, size) for size in shape)
@@ -95,7 +86,7 @@ class Writer:
             shape=shape,
             dtype=declared.dtype,
             chunks=(in_chunk, *rest),
-            shards=(in_chunk * in_shard, *rest) if declared.by_row else None,
+            shards=(in_chunk * in_shard, *rest),
             compressors=CODECS,
             # All files of an array lie in one folder.
             chunk_key_encoding={"name": "default", "separator": "."},
@@ -104,10 +95,7 @@ class Writer:
             config={"write_empty_chunks": True},
             attributes={"unit": declared.unit, "about": declared.about},
         )
-        self._arrays[name] = array
-        if declared.by_row:
-            self._shards[name] = Shards(self._scratch / name, array, in_shard)
-        return array
+        self._arrays[name] = Shards(self._scratch / name, array, in_shard)
 
 
 @contextlib.contextmanager
