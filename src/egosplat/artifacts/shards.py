@@ -16,8 +16,7 @@ CODECS = ZstdCodec(level=3), Crc32cCodec()
 
 
 class Shards:
-    """The files of an array with shards, written chunk by chunk: Zarr would hold a shard in memory, or write it again
-    for each chunk."""
+    """The files of an array, written chunk by chunk. Zarr would hold a shard, or write it again for each."""
 
     def __init__(self, folder: Path, array: zarr.Array, chunks_in_shard: int) -> None:
         self._folder, self.array = folder, array

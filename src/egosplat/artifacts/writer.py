@@ -33,17 +33,36 @@ class Writer:
 
     def put(self, name: str, values: NDArray[Any]) -> None:
         """Store a whole array; ValueError for another shape or element type, ArtifactError if a number is not allowed."""
-        self._create(name, values.shape)
+        self.allocate(name, values.shape)
         self._store(name, 0, values)
 
     def allocate(self, name: str, shape: tuple[int, ...]) -> None:
-        """Create an array whose rows ``put_row`` writes; ValueError unless each is a chunk."""
-        if self._schema.fields[name].by_row != 1:
-            raise ValueError(f"{name}: is not written by row")
-        self._create(name, shape)
+        """Create an array whose rows ``put_row`` writes, if each is a chunk by its schema."""
+        declared = self._schema.fields[name]
+        check_shape(declared, shape, self._sizes, name)
+        rows, *rest = (max(1, size) for size in shape)
+        in_chunk = min(declared.by_row, rows) or rows
+        in_shard = min(CHUNKS_IN_SHARD, -(-rows // in_chunk))
+        array = self._group.create_array(
+            name,
+            shape=shape,
+            dtype=declared.dtype,
+            chunks=(in_chunk, *rest),
+            shards=(in_chunk * in_shard, *rest),
+            compressors=CODECS,
+            # All files of an array lie in one folder.
+            chunk_key_encoding={"name": "default", "separator": "."},
+            dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
+            # All-zero chunks are stored too, so that a missing file always means damage.
+            config={"write_empty_chunks": True},
+            attributes={"unit": declared.unit, "about": declared.about},
+        )
+        self._arrays[name] = Shards(self._scratch / name, array, in_shard)
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
         """Store row ``index`` of an allocated array, once; shape and element type must match exactly. Raises as ``put``."""
+        if self._schema.fields[name].by_row != 1:
+            raise ValueError(f"{name}: is not written by row")
         self._store(name, index, values[None])
 
     def finish(self) -> None:
@@ -74,28 +93,6 @@ class Writer:
         if fault:
             advice = f"An input may be broken: egosplat check {shlex.quote(str(self._path.parent))}"
             raise ArtifactError(f"{self._path}: is not written: array {name!r} {fault}. {advice}")
-
-    def _create(self, name: str, shape: tuple[int, ...]) -> None:
-        declared = self._schema.fields[name]
-        check_shape(declared, shape, self._sizes, name)
-        rows, *rest = (max(1, size) for size in shape)
-        in_chunk = min(declared.by_row, rows) or rows
-        in_shard = min(CHUNKS_IN_SHARD, -(-rows // in_chunk))
-        array = self._group.create_array(
-            name,
-            shape=shape,
-            dtype=declared.dtype,
-            chunks=(in_chunk, *rest),
-            shards=(in_chunk * in_shard, *rest),
-            compressors=CODECS,
-            # All files of an array lie in one folder.
-            chunk_key_encoding={"name": "default", "separator": "."},
-            dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
-            # All-zero chunks are stored too, so that a missing file always means damage.
-            config={"write_empty_chunks": True},
-            attributes={"unit": declared.unit, "about": declared.about},
-        )
-        self._arrays[name] = Shards(self._scratch / name, array, in_shard)
 
 
 @contextlib.contextmanager

@@ -121,7 +121,7 @@ def fill(artifact, rows=range(4), **facts):
         (lambda a: (fill(a), a.put_row("rows", 0, np.zeros((6, 3)))), "float64"),
         (lambda a: None, "never written: feature, flags, points/xyz, rows"),
         (lambda a: fill(a, rows=(0, 1, 3)), "rows lacks 1 rows"),
-        (lambda a: a.allocate("feature", (4, 2)), "feature: is not written by row"),
+        (lambda a: a.put_row("feature", 0, np.zeros(2, np.float32)), "feature: is not written by row"),
         (lambda a: fill(a, bad=float("nan")), "JSON"),
     ],
 )
