@@ -116,9 +116,7 @@ def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> Non
     begin = 0
     for number, scale in enumerate(scales):
         end, shape = begin + scale.rows * scale.columns, (scale.rows, scale.columns, done[0].shape[1])
-        artifact.allocate(TILE_SCALES[number], (len(done), *shape))
-        for view, tiles in enumerate(done):
-            artifact.put_row(TILE_SCALES[number], view, tiles[begin:end].reshape(shape))
+        artifact.put(TILE_SCALES[number], np.stack([tiles[begin:end].reshape(shape) for tiles in done]))
         begin = end
 
 

@@ -20,7 +20,7 @@ def check_made_from(made: Artifact, *sources: Artifact, axes: Sequence[str] = ()
     inputs = made.provenance["inputs"]
     for source in sources:
         same = inputs.get(source.path.name, source.digest) == source.digest
-        if not same or any(_size(made, axis) != _size(source, axis) for axis in axes):
+        if not same or any(made.sizes[axis] != source.sizes[axis] for axis in axes):
             raise made_from_another(made.path, source.path)
 
 
@@ -35,12 +35,6 @@ def made_from_another(path: Path, source: Path) -> UserError:
     """The error for a result that was made from another artifact than ``source``."""
     wrong = f"was made from another {source.name} than {source}"
     return UserError(f"{path}: {wrong}. Rebuild it: {rebuild_command(path)}")
-
-
-def _size(artifact: Artifact, axis: str) -> int:
-    fields = artifact.schema.fields.items()
-    name, position = next((name, field.dims.index(axis)) for name, field in fields if axis in field.dims)
-    return artifact.shape(name)[position]
 
 
 def kept_frames(

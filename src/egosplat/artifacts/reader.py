@@ -29,7 +29,7 @@ class _Attributes(dict[str, Any]):
 
 class Artifact:
     """A checked, read-only artifact, made by ``open_artifact`` or ``open_any``. ``facts`` are small results
-    that are not arrays; ``digest`` is SHA-256 over the arrays; ``origin`` is ``real`` or ``synthetic``."""
+    that are not arrays; ``digest`` is SHA-256 over the arrays; ``origin`` is ``real`` or ``synthetic``; ``sizes`` are those of axes and lists."""
 
     def __init__(self, path: Path, schema: Schema, group: zarr.Group, attributes: dict[str, Any]) -> None:
         self.path, self.schema, self._group = path, schema, group
@@ -41,7 +41,7 @@ class Artifact:
         for name, declared in schema.fields.items():
             if not declared.optional or name in group:
                 _check_array(path, group, name, declared, sizes)
-        self._sizes = sizes_of(sizes, self.facts)
+        self.sizes = sizes_of(sizes, self.facts)
 
     @property
     def arrays(self) -> list[str]:
@@ -94,7 +94,7 @@ class Artifact:
 
         with reraise_as(tell, (ValueError, RuntimeError, OSError, KeyError)):
             values = np.asarray(array[selection])
-        if fault := self.schema.fields[name].values.find_fault(values, self._sizes):
+        if fault := self.schema.fields[name].values.find_fault(values, self.sizes):
             raise damaged(self.path, f"{where} {fault}")
         return values
 
