@@ -73,9 +73,10 @@ def run(
     check_made_from(splats, frames, poses, *inputs[len(paths) :])
     hashes = {CLIP.checkpoint_key: model_hash(CLIP, options.as_dict())}
     record = provenance.begin_from("histories", options.as_dict(), inputs, hashes)
-    scene = vars(read_trained_scene(splats, options.backend)).values()
+    scene = read_trained_scene(splats, options.backend)
+    trained = scene.gaussians, scene.settings, scene.camera, scene.sh_degree
     told = frames, instances, masks, options.seed, camera_poses(poses, splats), *read_exposure(splats)
-    recording = Recording(*scene, *told)
+    recording = Recording(*trained, *told)
     seconds, posed = seconds_of(frames), known_poses(recording.camera_to_world)
     seen, inside = see_tracks(posed, recording)
     carries, tracks = find_carries(seen, inside, seconds), len(np.unique(seen.track))
