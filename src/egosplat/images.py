@@ -1,5 +1,7 @@
 """Images: resize them, encode them for pages, and choose a few of many."""
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +36,7 @@ def resize_mask(mask: NDArray[np.bool_], width: int, height: int) -> NDArray[np.
     return coverage > 1 - 1e-4
 
 
-def resize_labels(labels: NDArray[np.generic], width: int, height: int) -> NDArray[np.generic]:
+def resize_labels(labels: NDArray[Any], width: int, height: int) -> NDArray[Any]:
     """(..., h, w) -> (..., height, width): the label under the center of each new pixel."""
     # The source pixel of center i + 1/2 in integer arithmetic, without rounding.
     rows = (2 * np.arange(height) + 1) * labels.shape[-2] // (2 * height)
@@ -44,8 +46,7 @@ def resize_labels(labels: NDArray[np.generic], width: int, height: int) -> NDArr
 
 def encode_webp(image: NDArray[np.uint8], quality: int) -> NDArray[np.uint8]:
     """(h, w, 3) uint8 RGB, at most ``LARGEST`` px wide and high -> (n,) uint8, the bytes of a WebP file."""
-    _, file = cv2.imencode(".webp", image[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])
-    return file.reshape(-1)
+    return cv2.imencode(".webp", image[..., ::-1], [cv2.IMWRITE_WEBP_QUALITY, quality])[1].reshape(-1)
 
 
 def evenly_spaced(count: int, most: int) -> list[int]:

@@ -87,7 +87,7 @@ def query(
         raise click.UsageError("give words, or a picture: --like crop.png")
     if as_json and output:
         raise click.UsageError("--output: goes without --json, which draws no picture")
-    output = output if as_json else _check_paths(folder, ASKED, "query.png", output, overwrite)
+    output = _check_paths(folder, ASKED, "query.png", output, overwrite or as_json)
     with without_collection():
         from egosplat.query import like as pictures
         from egosplat.query.command import describe, list_answers, run

@@ -88,7 +88,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
         track(np.concatenate([pairs, revisits]).tolist(), "measuring motion", unit="pair")
     ):
         gray = (cv2.cvtColor(frames.row("rgb", frame), cv2.COLOR_RGB2GRAY) for frame in (first, second))
-        small = [cv2.resize(one, valid.shape[::-1], interpolation=cv2.INTER_AREA) for one in gray]
+        small = [np.asarray(cv2.resize(one, valid.shape[::-1], interpolation=cv2.INTER_AREA)) for one in gray]
         pair_poses, here = (camera_to_world[first], camera_to_world[second]), shown(first)
         match = Match(small[0], small[1], here, camera.matrix, pair_poses, shown(second))
         near = views.depth_quantile(camera, pair_poses[0], points, _NEAR_QUANTILE)
