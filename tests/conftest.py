@@ -269,6 +269,7 @@ def run_command(
             cli.main()
         except SystemExit as end:
             status = int(end.code or 0)
+        show_log()  # as before --quiet
         printed = capfd.readouterr()
         return status, printed.out, printed.err
 

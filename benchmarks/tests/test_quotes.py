@@ -47,7 +47,7 @@ TRICKS = [
     ("README.md", r"(= \S+ accuracy) draft", r"\1 full"),
     ("README.md", r"!\[", "![94 % are found: "),
     ("README.md", r"## Ask\n", "## Ask\n\nOf 75 places, 36 are told rightly.\n"),
-    ("README.md", r"(carried things, <!--= \S+ places right -->)\d+", r"\g<1>36"),
+    ("README.md", r"(carried objects, <!--= \S+ places right -->)\d+", r"\g<1>36"),
     ("benchmarks/README.md", r"(= \S+ accuracy) draft", r"\1 full"),
     ("benchmarks/README.md", r"best of three masks 0", "best of three masks 1"),
     ("benchmarks/presence/README.md", r"(\| 70 % \| the reader's \| )\d+", r"\g<1>88"),

@@ -55,7 +55,10 @@ def make_scene(
     # Before the row changes.
     with alone(unpacked.parent, f"{dataset}/{scene_name}"):
         scene = put_row(config, row | {"options": keys})
-        _check_models(scene)
+        # Their step would tell it only after those before it.
+        for file in find_needed([scene.config]):
+            if file.missing:
+                raise UserError(f"{scene.name}: {file.key}: there is no file {file.path}.\n{FETCH}")
         stride = scene.config["frames"]["stride"]
         taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
         log(f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}")
@@ -75,27 +78,24 @@ def make_scene(
     return scene
 
 
-def _check_models(scene: Scene) -> None:
-    """Raise UserError for missing weights, which their step would tell only after those before it."""
-    for file in find_needed([scene.config]):
-        if file.missing:
-            raise UserError(f"{scene.name}: {file.key}: there is no file {file.path}.\n{FETCH}")
-
-
 def run_snakemake(words: Sequence[str]) -> int:
     """Run Snakemake, and get its exit status; hushed, it speaks only if it fails. A signal that ends this process ends Snakemake
     and its steps first, which remove their unfinished outputs; a second Ctrl-C, or ten seconds, kill them."""
-    # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by this process.
-    for ending in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(ending) != signal.SIG_IGN:  # nohup's
-            signal.signal(ending, signal.default_int_handler)
-    # What a script starts in the background ignores interrupts, and with it each step would: a handler becomes the default.
-    usual = signal.signal(signal.SIGINT, signal.default_int_handler)
+    # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by this process; not nohup's.
+    usual, early = signal.getsignal(signal.SIGINT), list[int]()
+    endings = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) != signal.SIG_IGN]
+    # A handler becomes the default: what a script starts in the background ignores interrupts, and so would each step.
+    for ending in (signal.SIGINT, *endings):
+        signal.signal(ending, lambda number, _: early.append(number))
     kept = tempfile.TemporaryFile("w+", errors="replace") if is_hushed() else None  # noqa: SIM115
     command, own = [sys.executable, "-m", *words], os.environ | {STARTED_BY: str(os.getpid())}
     process = subprocess.Popen(command, start_new_session=True, env=own, stdout=kept, stderr=kept)
     signal.signal(signal.SIGINT, usual)
     try:
+        for ending in endings:
+            signal.signal(ending, signal.default_int_handler)
+        if early:
+            raise KeyboardInterrupt
         if (status := process.wait()) and kept:
             kept.seek(0)
             print(kept.read(), file=sys.stderr)

@@ -85,7 +85,7 @@ def test_every_answer_tells_when_a_person_was_seen(folder, monkeypatch, run_comm
     assert Image.open(folder / "query.png").size[1] > 400
     reply = open_page(folder, PageOptions(device="cpu"))[1](phrase="person")["answers"][0]
     assert reply["grade"] == "seen moving" and not reply["things"] and "seen moving" in str(schema("metrics"))
-    assert reply["moving"] == {"rating": None, "frame": 4, "spans": person.moving.spans}
+    assert reply["moving"] == {"rating": None, "frame": 4, "spans": [[*one] for one in person.moving.spans]}
     with pytest.raises(UserError, match="seen moving 0:00 to 0:00"):
         answer_members(scene, "person")
     view = scene.show("person", person.moving)

@@ -1,5 +1,7 @@
 """Splat Feature Solver: what its definition says, in scenes of few Gaussians."""
 
+import sys
+
 import numpy as np
 import pytest
 import torch
@@ -74,10 +76,8 @@ def coded(gaussians: Gaussians, masks: Masks, **changes: object):
 def test_a_cluster_takes_the_mean_of_the_masks_that_agree_with_it_each_counting_once():
     """Lifting weights each view by what it shows; a mean of masks does not."""
     tilted = [0.6, 0.8]
-    found = coded(HALVES, Masks([(LEFT, RIGHT), (tilted, RIGHT)]))
-    torch.testing.assert_close(
-        found.code[~ON_RIGHT, 0], torch.tensor([0.8, 0.4]).expand(int((~ON_RIGHT).sum()), 2)
-    )
+    mean = coded(HALVES, Masks([(LEFT, RIGHT), (tilted, RIGHT)])).code[~ON_RIGHT, 0]
+    torch.testing.assert_close(mean, torch.tensor([0.8, 0.4]).expand(len(mean), 2))
     unit = coded(HALVES, Masks([(LEFT, RIGHT), (tilted, RIGHT)], unit_norm=True)).code[~ON_RIGHT, 0]
     torch.testing.assert_close(unit, torch.tensor([2.0, 1.0]).expand(len(unit), 2) / 5**0.5)
 
@@ -109,7 +109,7 @@ def test_masks_without_a_code_do_not_count():
 
 
 def test_a_missing_library_is_reported_before_anything_is_computed(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "sklearn.cluster", None)
     with pytest.raises(UserError, match=r"egosplat\[clusters\]"):
         lift_clusters(None, None, None)
 
@@ -117,9 +117,8 @@ def test_a_missing_library_is_reported_before_anything_is_computed(monkeypatch):
 @pytest.mark.parametrize("agreement, counts", [(81, [7]), (80, [])])
 def test_a_mask_agrees_above_an_iou_of_four_fifths(agreement, counts):
     """Of 100 pixels of cluster 3, and the rest of the picture in none."""
-    shown = torch.full((20, 20), -1)
+    shown, masks = torch.full((2, 20, 20), -1)
     shown[:5] = 3
-    masks = torch.full((20, 20), -1)
     masks.view(-1)[:agreement] = 7
     names, cluster = agreeing(masks, shown, None)
     assert names.tolist() == counts and cluster.tolist() == [3] * len(counts)
