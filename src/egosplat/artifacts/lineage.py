@@ -27,8 +27,8 @@ class Lineage:
 
 
 def open_inputs(paths: Mapping[str, Path | None]) -> dict[str, Artifact]:
-    """Open the artifacts that a stage is given, by name; a path is called as ``frames_path``, and None if it is not given."""
-    given = {name.removesuffix("_path"): path for name, path in paths.items() if path is not None}
+    """Open the artifacts that a stage is given, by name, the latest last; a path is called as ``frames_path``, None if not given."""
+    given = {name: path for name in SCHEMAS if (path := paths.get(f"{name}_path")) is not None}
     return {name: open_artifact(path, SCHEMAS[name]) for name, path in given.items()}
 
 

@@ -140,7 +140,7 @@ def test_an_empty_folder_is_enough(installed, tmp_path):
     assert snakefile.is_relative_to(installed.site)
     refused = installed.call("egosplat", "query", "results/adt/scene1", "cup", cwd=tmp_path).stderr
     command = re.search(r"snakemake .*", refused)[0]
-    assert command.startswith('snakemake --snakefile "$(egosplat snakefile)" --cores 2 results/adt/scene1/l')
+    assert command.startswith('snakemake --snakefile "$(egosplat snakefile)" --cores 2 results/adt/scene1/f')
     planned = run("sh", "-c", f"{command} --dry-run", cwd=tmp_path, path=str(installed.bin))
     assert re.search(r"^synthetic +1$", ensure(planned), re.MULTILINE)
     assert {path.name for path in tmp_path.iterdir()} == {".snakemake"}
