@@ -99,7 +99,7 @@ def query(
         rest = [one for one in phrases if one not in named and not like]
         scenes = [scene, *(open_scene(Path(one), options) for one in phrases if like)]
         if as_json:
-            wanted = [*map(Path, like)], named, most
+            wanted = {str(one): pictures.read_picture(one) for one in map(Path, like)}, named, most
             looks = [(one, pictures.ask_looks(one, *wanted)) for one in scenes if like or named]
             alike = [describe(one, answer) for one, found in looks for answer, _ in found]
             view = scene.viewpoint(frame, pose)

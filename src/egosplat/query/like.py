@@ -211,7 +211,7 @@ def run(
     for scene in scenes:
         head = f"like,answer,similarity,lead,center [{scene.unit}],size [{scene.unit}],frame,last seen"
         rows = [tuple(head.split(","))]
-        for answer, things in ask_looks(scene, pictures, names, most):
+        for answer, things in ask_looks(scene, shown, names, most):
             asked = answer.phrase
             rows += _rows(answer, things)
             drawn.append((shown.get(asked), scene, things[:most]))
@@ -226,13 +226,12 @@ def run(
 
 
 def ask_looks(
-    scene: Scene, pictures: Sequence[Path], names: Mapping[str, Any], most: int
+    scene: Scene, shown: Mapping[str, Pixels], names: Mapping[str, Any], most: int
 ) -> Iterator[tuple[Answer, list[Alike]]]:
     """Answer what pictures show and what names mean; with the things compared, the most alike first. Raises as ``run``."""
-    shown = {str(path): see(scene.clip, read_picture(path)) for path in pictures}
     looks = Looks(scene)
     for asked in (*shown, *names):
-        wanted = shown[asked] if asked in shown else looks.called(asked, names)
+        wanted = see(scene.clip, shown[asked]) if asked in shown else looks.called(asked, names)
         things = looks.find(wanted, max(2, most), asked in shown)
         yield judge(asked, things, ((), None), SIMILARITY, most), things
 
