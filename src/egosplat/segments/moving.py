@@ -11,7 +11,7 @@ from egosplat.models.sam2_loader import Sam2
 from egosplat.moving_regions import InstanceScores
 from egosplat.segments.options import SegmentsOptions
 from egosplat.segments.tracker import Tracker
-from egosplat.segments.video import LabelMaps, Segmented, Video, finalize_instances
+from egosplat.segments.video import Segmented, Video, finalize_instances
 
 # A single mask shows a moving thing if tracks of moving things cover a larger share of it.
 _MOSTLY = 0.5
@@ -43,25 +43,23 @@ def track_moving(
         scores.add(table[found.labels[frame]], moves(frame))
     moving = scores.scores >= options.threshold
     table = np.append(np.where(moving, np.cumsum(moving) - 1, -1), -1).astype(np.int32)[table]
-    labels = LabelMaps((video.length, *found.labels[0].shape))
     for frame in range(video.length):
-        labels[frame] = table[found.labels[frame]]
+        found.labels[frame] = table[found.labels[frame]]
     tracks = [replace(found.instances[number], moving=True) for number in kept[moving]]
-    return Segmented(labels, tracks, [], found.prompted)
+    return replace(found, instances=tracks, same=[])
 
 
 def add_tracks(single: Segmented, tracked: Segmented) -> Segmented:
     """Add the tracks of what moves to the masks of single frames, of the same video: the masks, then the
     tracks. A mask that tracks cover for the most part is without pixels. Where a track of any level is, no
-    single mask stays."""
-    count, frames = len(single.instances), len(single.labels)
-    labels = LabelMaps((frames, *single.labels[0].shape))
-    for frame in range(frames):
+    single mask stays. The labels of ``single`` change."""
+    count = len(single.instances)
+    for frame in range(len(single.labels)):
         masks, tracks = single.labels[frame], tracked.labels[frame]
         moving, is_mask = (tracks >= 0).any(axis=0), masks >= 0
         area = np.bincount(masks[is_mask], minlength=count)
         covered = np.bincount(masks[is_mask & moving], minlength=count)
         dropped = np.append(covered > _MOSTLY * area, False)
         left = np.where(moving | dropped[masks], -1, masks)
-        labels[frame] = np.where(tracks >= 0, tracks + count, left)
-    return Segmented(labels, single.instances + tracked.instances, single.same, single.prompted)
+        single.labels[frame] = np.where(tracks >= 0, tracks + count, left)
+    return replace(single, instances=single.instances + tracked.instances)

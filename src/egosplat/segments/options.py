@@ -91,7 +91,7 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     """Drop instances seen in fewer frames. In a video with fewer frames, drop those not seen in all of them."""
 
     max_instances: Annotated[Count, READING] = 200
-    """Largest number of instances tracked per level; the best are kept. Time and memory grow with it."""
+    """Largest number of instances tracked at once per level; the best are kept. Time and memory grow with it."""
 
     def key_frames(self, training: NDArray[np.intp]) -> NDArray[np.intp]:
         """Those of (N,) training frames that are segmented by themselves."""

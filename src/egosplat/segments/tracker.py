@@ -20,10 +20,7 @@ from egosplat.segments.masks import Candidates, areas, drop_covered, filter_mask
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import grid_points, lie_in, prompt
 from egosplat.segments.propagation import Group, Propagator
-from egosplat.segments.video import LabelMaps, Labels, Overlaps, Segmented, Track, Video
-
-# Numbers of K instances of a level and their (K, M, M) float32 logits, or bool masks, in one frame.
-LevelMasks = tuple[list[int], Tensor]
+from egosplat.segments.video import LabelMaps, Labels, LevelMasks, Overlaps, Segmented, Track, Video
 
 # A new mask is dropped if tracked instances cover a larger fraction of it.
 _MAX_COVERED_NEW = 0.5
@@ -97,7 +94,7 @@ class Tracker:
             # Rewriting all labels at each checkpoint would write 200 GB in a long run.
             "labels": self._labels.save(folder),
             "groups": [[vars(group) for group in groups] for groups in self._groups],
-            "overlaps": [torch.from_numpy(overlaps.sums) for overlaps in self._overlaps],
+            "overlaps": [[*map(torch.from_numpy, vars(overlaps).values())] for overlaps in self._overlaps],
         }
 
     def _load(self, state: State, folder: Path) -> None:
@@ -106,8 +103,8 @@ class Tracker:
         self._instances = [Track(**values) for values in state["instances"]]
         device = self._sam2.compute.device
         self._groups = [[Group.restored(saved, device) for saved in groups] for groups in state["groups"]]
-        for overlaps, sums in zip(self._overlaps, state["overlaps"], strict=True):
-            overlaps.sums = sums.numpy()
+        for overlaps, saved in zip(self._overlaps, state["overlaps"], strict=True):
+            overlaps.pairs, overlaps.sums = (part.numpy() for part in saved)
 
     def _shrunk(self, values: NDArray[np.float32]) -> Tensor:
         """(M, M) means of (H, W) values, at the size of the model's masks."""
@@ -140,8 +137,7 @@ class Tracker:
         if frame in self._searched:
             self._add_new_tracks(frame, seen)
         for overlaps, (ids, logits) in zip(self._overlaps, seen, strict=True):
-            masks = (logits > 0) & self._inside(frame)
-            overlaps.add(ids, masks, ids, masks)
+            overlaps.add((ids, (logits > 0) & self._inside(frame)))
         self._labels[frame] = np.stack([paint(*masks, self._video.shown(frame)) for masks in seen])
         # Tracks of what an earlier track follows as well end; the two are merged.
         duplicates = {later for _, later in self._same()} if frame in self._searched else set()
@@ -160,12 +156,10 @@ class Tracker:
             return
         labels = self._labels[frame]
         for own, overlaps, (ids, logits) in zip(labels, self._overlaps, seen, strict=True):
-            masks = (logits > 0) & self._inside(frame)
-            overlaps.add(ids, masks, ids, masks)
+            masks = ids, (logits > 0) & self._inside(frame)
+            overlaps.add(masks)
             # Tracks of the forward pass are compared by their labels, because their logits are not kept.
-            ahead = self._as_masks(own)
-            overlaps.add(ids, masks, *ahead)
-            overlaps.add(*ahead, ids, masks)
+            overlaps.add(masks, self._as_masks(own))
             # Labels of the forward pass take precedence.
             own[:] = np.where(own >= 0, own, paint(ids, logits, self._video.shown(frame)))
         self._labels[frame] = labels
@@ -203,7 +197,8 @@ class Tracker:
         """Start tracks of the best new masks, and add them to those that are seen in the frame."""
         groups = self._groups[level]
         # The sort is stable, so that equal scores keep their order.
-        room = max(0, self._options.max_instances - sum(len(group.ids) for group in groups))
+        tracked = sum(len(group.ids) for group in groups if not self._propagator.ended(group))
+        room = max(0, self._options.max_instances - tracked)
         new = new.take(new.scores.argsort(descending=True, stable=True)[:room])
         numbers = [*range(len(self._instances), len(self._instances) + len(new))]
         scores = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)

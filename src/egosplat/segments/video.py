@@ -24,6 +24,10 @@ MIN_COMMON_FRAMES = 2
 SAME_IOU = 0.6
 
 
+# Numbers of K instances of a level and their (K, M, M) float32 logits, or bool masks, in one frame.
+LevelMasks = tuple[list[int], Tensor]
+
+
 @dataclass(frozen=True)
 class Video:
     """``length`` frames to segment: ``image`` gives the (H, W, 3) uint8 RGB of one, ``shown`` its (H, W) bool pixels of the scene."""
@@ -136,26 +140,31 @@ class Overlaps:
     """Overlap between the masks of a level's instances, summed over the frames in which both are visible.
 
     Attributes:
-        sums: (3, n, n) float64 shared pixels, pixels of the first of each two, and frames that show both.
+        pairs: (P,) int64, sorted: the lower number of two that are visible at once, times 2^32, plus the higher one.
+        sums: (P, 3) float64 shared pixels, pixels of either, and frames that show both.
     """
 
     def __init__(self) -> None:
-        self.sums = np.zeros((3, 0, 0))
+        self.pairs, self.sums = np.zeros(0, np.int64), np.zeros((0, 3))
 
-    def add(self, ids: list[int], masks: Tensor, other_ids: list[int], others: Tensor) -> None:
-        """Add a frame: numbers of K instances of the level and their (K, M, M) bool masks, and those to compare them with."""
-        missing = max(max([*ids, *other_ids], default=-1) + 1 - self.sums.shape[1], 0)
-        self.sums = np.pad(self.sums, ((0, 0), (0, missing), (0, missing)))
-        size, other_size = (areas(each).cpu().numpy().astype(np.float64) for each in (masks, others))
+    def add(self, masks: LevelMasks, others: LevelMasks | None = None) -> None:
+        """Add a frame's pairs among the masks of the level; or pairs of one of them and one of ``others``."""
+        (ids, mine), (other_ids, its) = masks, others or masks
+        first, second = np.array(ids, np.int64)[:, None], np.array(other_ids, np.int64)
+        size, other_size = (areas(each).cpu().numpy().astype(np.float64) for each in (mine, its))
         # Only frames in which both are visible count: an occluded object must not lower the IoU.
-        both = (size > 0)[:, None] & (other_size > 0)[None]
-        shared = intersections(masks, others).cpu().numpy()
-        self.sums[:, *np.ix_(ids, other_ids)] += [shared, size[:, None] * both, both]
+        both = (size > 0)[:, None] & (other_size > 0) & (first != second if others else first < second)
+        shared = intersections(mine, its).cpu().numpy()
+        sums = np.stack([shared, size[:, None] + other_size - shared, both], axis=-1)[both]
+        pairs = (np.minimum(first, second) * 2**32 + np.maximum(first, second))[both]
+        found = np.unique(pairs)
+        new = found[np.append(self.pairs, -1)[np.searchsorted(self.pairs, found)] != found]
+        place = np.searchsorted(self.pairs, new)
+        self.pairs, self.sums = np.insert(self.pairs, place, new), np.insert(self.sums, place, 0.0, axis=0)
+        np.add.at(self.sums, np.searchsorted(self.pairs, pairs), sums)
 
     def same(self, frames: int) -> list[tuple[int, int]]:
         """Pairs of instances whose IoU over their common frames is above ``SAME_IOU``, in a video of ``frames`` frames."""
-        shared, area, common = self.sums
-        union = area + area.T - shared
-        iou = np.divide(shared, union, out=np.zeros_like(union), where=union > 0)
-        alike = (iou > SAME_IOU) & (common >= min(MIN_COMMON_FRAMES, frames))
-        return [(int(a), int(b)) for a, b in np.argwhere(np.triu(alike, 1))]
+        shared, either, common = self.sums.T
+        alike = (shared / either > SAME_IOU) & (common >= min(MIN_COMMON_FRAMES, frames))
+        return [divmod(pair, 2**32) for pair in self.pairs[alike].tolist()]

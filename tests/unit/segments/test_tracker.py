@@ -69,7 +69,7 @@ def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, m
     left[:, :4], right[:, 4:] = True, True
     masks = torch.stack([left, right, left])
     for _ in range(video_module.MIN_COMMON_FRAMES):
-        tracker._overlaps[2].add([0, 7, 3], masks, [0, 7, 3], masks)
+        tracker._overlaps[2].add(([0, 7, 3], masks))
     tracker._groups[2] = groups
     monkeypatch.setattr(tracker, "_propagated", lambda frame, reverse: [([], torch.zeros(0, 64, 64))] * 3)
     monkeypatch.setattr(tracker, "_add_new_tracks", lambda *_: None)

@@ -20,7 +20,7 @@ def overlaps(*frames: dict[int, tuple[int, int]]) -> Overlaps:
     """Instances by number, each with its columns in a frame."""
     found = Overlaps()
     for seen in frames:
-        found.add([*seen], masks(*seen.values()), [*seen], masks(*seen.values()))
+        found.add(([*seen], masks(*seen.values())))
     return found
 
 
@@ -42,8 +42,7 @@ def test_one_common_frame_suffices_only_in_a_video_of_one_frame():
 def test_pairs_within_a_set_are_not_counted_between_two_sets():
     found, later, earlier = Overlaps(), ([5, 6], masks((0, 10), (0, 10))), ([0, 2], masks((0, 9), (15, 20)))
     for _ in range(2):
-        found.add(*later, *earlier)
-        found.add(*earlier, *later)
+        found.add(later, earlier)
     assert found.same(10) == [(0, 5), (0, 6)]
 
 
