@@ -1,5 +1,6 @@
 """Stage ``masks``, the paper's spatial-temporal refinement stage: mask the transient instances (its set D) in each frame."""
 
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +24,7 @@ from egosplat.artifacts.writer import Writer, create
 from egosplat.moving_regions import InstanceScores
 from egosplat.progress import log, track
 from egosplat.transient.options import MasksOptions
-from egosplat.transient.sure_regions import RegionMasks, find_regions, lasting_masks
+from egosplat.transient.sure_regions import Look, RegionMasks, find_regions, lasting_masks
 
 Scores = NDArray[np.float64]
 
@@ -92,11 +93,9 @@ def run(
         )
     # Masks that are merged cover the same surfaces in several views: they stand still.
     chosen &= tracks & (withheld is None)
-    regions = RegionMasks({}, {})
-    if guarded and not withheld:
-        merged = instances.read("instances/masks") >= _MASKS_THAT_HOLD
-        still = np.where(tracks, called & static, merged)
-        regions = _find_regions(inputs, still, called, rows)
+    merged = instances.read("instances/masks") >= _MASKS_THAT_HOLD
+    look = _region_finder(inputs, np.where(tracks, called & static, merged), called)
+    regions = lasting_masks(look, rows.tolist() if guarded and not withheld else [])
     with create(output, MASKS, record) as artifact:
         artifact.put("instances/score", scores.astype(np.float32))
         artifact.put("instances/stands_out", outstanding.scores.astype(np.float32))
@@ -149,20 +148,21 @@ def _score(inputs: _Inputs, rows: NDArray[np.int64]) -> tuple[InstanceScores, In
     return by_probability, outstanding, total / max(len(rows), 1)
 
 
-def _find_regions(
-    inputs: _Inputs, still: NDArray[np.bool_], called: NDArray[np.bool_], rows: NDArray[np.int64]
-) -> RegionMasks:
-    """Find what lasts; where the network errs about a ``still`` one of the ``called`` instances, it is not sure of anything."""
+def _region_finder(inputs: _Inputs, still: NDArray[np.bool_], called: NDArray[np.bool_]) -> Look:
+    """Find regions; where the network errs about a ``still`` one of the ``called`` instances, it is not sure of anything."""
     frames, transient, _ = inputs
     measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
-    regions = {}
-    for frame in track(rows.tolist(), "finding regions", total=len(rows)):
+
+    # A frame is compared with the two before it, which stay while it comes.
+    @lru_cache(4)
+    def look(frame: int) -> NDArray[np.int32]:
         labels = inputs.labels(frame)
         sure = (transient.row("probability", frame) >= SURE_PROBABILITY) & compared
         sure = shown_pixels(frames, frame, sure) & ~refined_mask(labels, still & called)
         outstanding = transient.row("stands_out", frame) if measured[frame] else None
-        regions[frame] = find_regions(sure, refined_mask(labels, still), outstanding)
-    return lasting_masks(regions, regions)
+        return find_regions(sure, refined_mask(labels, still), outstanding)
+
+    return look
 
 
 def _put_refined(

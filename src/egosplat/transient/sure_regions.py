@@ -1,6 +1,6 @@
 """Regions that the transient network is sure of for several frames: something moves there, whatever the tracks say."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 from egosplat.images import resize_labels, shrunk_size
 from egosplat.moving_regions import Region, large_regions, lasting_regions, meetings
+from egosplat.progress import track
 
 Bools = NDArray[np.bool_]
 Labels = NDArray[np.int32]
 Link = tuple[Region, Region]
+Look = Callable[[int], Labels]
+"""Finds the regions of a frame, see ``find_regions``; those of all frames of an hour do not fit into memory."""
 
 # Regions are found at this longer side [px]: the network sees no more.
 _SIDE = 256
@@ -46,13 +49,13 @@ def find_regions(sure: Bools, explained: Bools, outstanding: Bools | None) -> La
     return np.where(kept[labels], labels, 0)
 
 
-def link_regions(labels: Mapping[int, Labels], rows: list[int]) -> list[Link]:
+def link_regions(look: Look, rows: list[int]) -> list[Link]:
     """Link the regions of the frames ``rows`` that overlap, each to the row before or, if it meets none there, to the one before that."""
     links: list[Link] = []
-    for position, frame in enumerate(rows):
+    for position, frame in enumerate(track(rows, "finding regions")):
         met: set[int] = set()
         for before in reversed(rows[max(position - _MOST_APART, 0) : position]):
-            pairs = [pair for pair in meetings(labels[before], labels[frame]) if pair[1] not in met]
+            pairs = [pair for pair in meetings(look(before), look(frame)) if pair[1] not in met]
             links += [((before, one), (frame, other)) for one, other in pairs]
             met |= {other for _, other in pairs}
     return links
@@ -63,39 +66,41 @@ class RegionMasks:
     """What moves in each frame: its own lasting regions, and those of the frames before and after a gap.
 
     Attributes:
-        own: by frame, the (h, w) pixels of its regions.
-        gaps: by frame, for each region that is seen before and after it, the (h, w) pixels there.
+        look: finds the regions of a frame again.
+        own: by frame, the numbers of its regions.
+        gaps: by frame, for each region that is seen before and after it, the regions there.
     """
 
-    own: Mapping[int, Bools]
-    gaps: Mapping[int, list[tuple[Bools, Bools]]]
+    look: Look
+    own: Mapping[int, list[int]]
+    gaps: Mapping[int, list[Link]]
 
     def mask(self, frame: int, sure: Bools, marked: Bools) -> Bools:
         """(H, W) moving pixels of a frame, among those that the network is ``sure`` of, in a gap those that it has ``marked``."""
         found = np.zeros_like(sure)
         if frame in self.own:
-            found |= _enlarge(self.own[frame], sure) & sure
-        for before, after in self.gaps.get(frame, ()):
+            found |= _enlarge(np.isin(self.look(frame), self.own[frame]), sure) & sure
+        for link in self.gaps.get(frame, ()):
+            before, after = (self.look(row) == number for row, number in link)
             between = _enlarge(before | after, sure) & marked
             # Something that moves does not vanish for a frame.
             found |= between if between.any() else _enlarge(before & after, sure)
         return found
 
 
-def lasting_masks(labels: Mapping[int, Labels], rows: Iterable[int]) -> RegionMasks:
+def lasting_masks(look: Look, rows: Iterable[int]) -> RegionMasks:
     """The regions that last for at least three of the frames ``rows``, and the frames between two that show one."""
-    links = link_regions(labels, sorted(rows))
+    links = link_regions(look, sorted(rows))
     lasting = lasting_regions(links)
-    pixels = {region: labels[region[0]] == region[1] for region in lasting}
-    own: dict[int, Bools] = {}
-    gaps: dict[int, list[tuple[Bools, Bools]]] = {}
-    for (frame, _), mask in pixels.items():
-        own[frame] = own[frame] | mask if frame in own else mask
+    own: dict[int, list[int]] = {}
+    gaps: dict[int, list[Link]] = {}
+    for frame, number in lasting:
+        own.setdefault(frame, []).append(number)
     for first, last in links:
-        if first in lasting:
+        if {first, last} <= lasting:
             for frame in range(first[0] + 1, last[0]):
-                gaps.setdefault(frame, []).append((pixels[first], pixels[last]))
-    return RegionMasks(own, gaps)
+                gaps.setdefault(frame, []).append((first, last))
+    return RegionMasks(look, own, gaps)
 
 
 def _shrink(mask: Bools) -> Bools:

@@ -124,6 +124,14 @@ def test_a_frame_between_two_has_a_mask():
     """Where the network marks nothing at all, it is what both neighbors mask."""
     rows = [0, 1, 2, 4, 5]
     regions = {row: find_regions(HAND[row], NONE, EVERYWHERE) for row in rows} | {3: np.zeros_like(NONE, int)}
-    masks = lasting_masks(regions, regions)
+    masks = lasting_masks(regions.__getitem__, regions)
     assert is_most_of(masks.mask(3, NONE, HAND[3]), HAND[3] & (HAND[2] | HAND[4]))
     assert is_most_of(masks.mask(3, NONE, NONE), HAND[2] & HAND[4])
+
+
+def test_a_region_that_ends_beside_one_that_lasts_is_not_masked():
+    """A region splits: the left half lasts, and the right half is seen once, after a frame without it."""
+    wide, left, right = square(4, 2, 28), square(4, 2, 12), square(4, 18, 12)
+    regions = dict(enumerate(np.array([wide, left, left + 2 * right], int)))
+    masks = lasting_masks(regions.__getitem__, regions)
+    assert [masks.mask(frame, EVERYWHERE, EVERYWHERE).sum() for frame in range(3)] == [784, 144, 144]
