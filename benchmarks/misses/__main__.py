@@ -34,7 +34,7 @@ from egosplat.errors import UserError
 from egosplat.evaluation.queries import Mask, read_layers
 from egosplat.gaussians.render import view_of
 from egosplat.gaussians.training_views import open_masking
-from egosplat.language.dominant import mean_of_dominant, target_votes
+from egosplat.language.dominant import dominant, sum_votes
 from egosplat.language.rendering import render_codes
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
@@ -113,15 +113,11 @@ def measure_overlap(scene: Scene, views: CodeViews) -> Overlap:
 def lifted_instances(scene: Scene, views: CodeViews) -> NDArray[np.int64]:
     """(N, L) instance whose code each Gaussian took at each level, -1 for none."""
     targets = CodeTargets(scene.artifact("instances"), scene.encoded, views.device)
-    votes, _ = target_votes(views, targets)
-    instance = targets.code_rows()[1]
+    (gaussian, instance, _, weight), _ = sum_votes(views, targets)
     found = np.full((scene.gaussians.count, len(targets.levels)), -1)
     for level in range(found.shape[1]):
-        rows = np.flatnonzero(targets.level[instance] == level)
-        # A mean over the one instance that won is its number.
-        numbers = instance[rows, None].astype(np.float32)
-        number, known = mean_of_dominant(votes[:, rows], instance[rows], numbers)
-        found[:, level] = np.where(known > 0, np.rint(number[:, 0]), -1)
+        best = dominant(gaussian, weight, targets.level[instance] == level)
+        found[gaussian[best], level] = instance[best]
     return found
 
 

@@ -13,7 +13,7 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import TILE_SCALES
 from egosplat.errors import UserError
-from egosplat.gaussians.training_views import stored_rows
+from egosplat.gaussians.training_views import StoredRows
 
 # Sides of the tiles as parts of the image's height.
 RATIOS = tuple(0.05 + 0.075 * number for number in range(7))
@@ -70,7 +70,7 @@ def at_pixels(tiles: Tensor, scale: Scale, pixels: Tensor) -> Tensor:
 
 
 class TileViews:
-    """The tiles of frames, as many as ``stored_rows`` holds in memory, with D ``channels`` and their layout by scale, finest first.
+    """The tiles of frames, as many as ``StoredRows`` keeps in memory, with D ``channels`` and their layout by scale, finest first.
 
     ``components`` are K of the regulariser, 0 without one; ``stands_in`` says what replaces the published methods' model.
     """
@@ -85,10 +85,7 @@ class TileViews:
         self.channels = tiles.shape(TILE_SCALES[0])[-1]
         self.components = tiles.shape("regulariser")[-1] if tiles.has("regulariser") else 0
         names = [*TILE_SCALES, *(["regulariser"] if self.components else [])]
-        self._rows = {}
-        for name in names:
-            count, *shape = tiles.shape(name)
-            self._rows[name] = stored_rows(count, tuple(shape), "float16", partial(tiles.row, name))
+        self._rows = {name: StoredRows(partial(tiles.row, name)) for name in names}
         self.stands_in = "SAM2's encoder" if self.components else "no regulariser"
         self.stands_in += " in place of DINO"
 

@@ -109,8 +109,8 @@ class Stopped(Exception):
 class StoppingCheckpoint(Checkpoint):
     """Ends training as a kill would, right after the checkpoint of one iteration."""
 
-    def __init__(self, folder: Path, at: int) -> None:
-        super().__init__(folder / "splats.zarr", "key", 1e-9)
+    def __init__(self, output: Path, key: str, at: int) -> None:
+        super().__init__(output, key, 1e-9)
         self.at = at
 
     def save_if_due(self, state) -> None:

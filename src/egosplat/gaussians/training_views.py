@@ -20,33 +20,22 @@ from egosplat.images import resize_mask, shrink_image, shrunk_size
 IN_MEMORY = 1_610_612_736
 
 
-@dataclass(frozen=True, eq=False)
 class StoredRows:
-    """An array of ``shape`` whose first rows are in memory, ``held``; ``read`` reads the others by position at each access."""
+    """Rows of an array, each read when it is first asked for, and kept while there is room in ``IN_MEMORY``."""
 
-    held: Tensor
-    shape: tuple[int, ...]
-    read: Callable[[int], NDArray]
+    def __init__(self, read: Callable[[int], NDArray]) -> None:
+        """Take what returns the row at a position."""
+        self._read, self._kept, self._room = read, dict[int, Tensor](), IN_MEMORY
 
     def __getitem__(self, position: int) -> Tensor:
         """One row on the CPU."""
-        if position < len(self.held):
-            return self.held[position]
-        return torch.from_numpy(np.array(self.read(position)))
-
-
-def stored_rows(
-    count: int, shape: tuple[int, ...], dtype: str, read: Callable[[int], NDArray]
-) -> Tensor | StoredRows:
-    """Return a (count, *shape) CPU tensor of what ``read`` returns, or ``StoredRows`` if it would exceed ``IN_MEMORY``."""
-    row_bytes = np.dtype(dtype).itemsize * int(np.prod(shape))
-    kept = min(count, IN_MEMORY // max(row_bytes, 1))
-    rows = np.empty((kept, *shape), dtype)
-    for position in range(kept):
-        rows[position] = read(position)
-    held = torch.from_numpy(rows)
-    # Views are visited in random order, once an epoch: which rows are held does not matter.
-    return held if kept == count else StoredRows(held, (count, *shape), read)
+        row = self._kept.get(position)
+        if row is None:
+            row = torch.from_numpy(np.array(self._read(position)))
+            # Views are visited in random order, once an epoch: which rows are kept does not matter.
+            if row.nbytes <= self._room:
+                self._kept[position], self._room = row, self._room - row.nbytes
+        return row
 
 
 Mask = NDArray[np.bool_]
@@ -125,12 +114,7 @@ def read_views(
     _, full_height, full_width, _ = frames.shape("rgb")
     width, height = shrunk_size(full_width, full_height, resolution)
     # uint8 takes a quarter of float32's memory; ``Views.picture`` converts one at a time.
-    pictures = stored_rows(
-        len(rows),
-        (height, width, 3),
-        "uint8",
-        lambda position: shrink_image(frames.row("rgb", rows[position]), resolution),
-    )
+    pictures = StoredRows(lambda position: shrink_image(frames.row("rgb", rows[position]), resolution))
     # A pixel is valid only if every pixel averaged into it lies inside the lens circle.
     every = frames.read("valid")
     valid = resize_mask(every, width, height)
@@ -144,7 +128,7 @@ def read_views(
         pictures=pictures,
         camera_to_world=poses.read("camera_to_world")[rows],
         valid=valid_weight(valid, device),
-        transient=stored_rows(len(rows), (height, width), "bool", masked) if frames.has("masked") else None,
+        transient=StoredRows(masked) if frames.has("masked") else None,
         camera=camera.scaled_to(width, height),
         device=device,
     )
@@ -177,26 +161,19 @@ class Masking:
         """The artifact, for the provenance of a stage; empty if nothing is transient."""
         return () if self.artifact is None else (self.artifact,)
 
-    def frames(self, rows: NDArray[np.integer]) -> Tensor | StoredRows | None:
+    def frames(self, rows: NDArray[np.integer]) -> StoredRows | None:
         """Get M of the frames ``rows`` on the CPU: (V, H, W) bool, or float16 in [0, 1]; None if nothing is masked."""
         given = ((self.artifact, self.array), (self.masked, "masked"))
         sources = [(artifact, array) for artifact, array in given if artifact is not None]
         if not sources:
             return None
-        artifact, array = sources[0]
-        _, height, width = artifact.shape(array)
-        dtype = artifact.schema.fields[array].dtype
+        dtype = sources[0][0].schema.fields[sources[0][1]].dtype
 
-        # Read row by row: most frames may be unused.
         def read(position: int) -> NDArray:
             values = [artifact.row(array, rows[position]) for artifact, array in sources]
             return np.maximum.reduce(values, dtype=dtype)
 
-        return stored_rows(len(rows), (height, width), dtype, read)
-
-    def of_the_user(self) -> "Masking":
-        """What came with the recording alone."""
-        return Masking(None, "", self.masked)
+        return StoredRows(read)
 
 
 def open_masking(kind: str, frames: Artifact, paths: Mapping[str, Path | None]) -> Masking:

@@ -67,12 +67,11 @@ class CodeTargets:
 
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
-        table, flags = self._table(frame)
-        usable = torch.from_numpy(flags).to(self._device)
-        by_channel = torch.from_numpy(np.ascontiguousarray(table.T)).to(self._device)
-        labels = self.labels(frame)
+        labels, rows = self.labels(frame), self._rows_in(frame)
+        usable = torch.from_numpy(rows >= 0).to(self._device)
+        by_channel = torch.from_numpy(np.ascontiguousarray(self._codes_of(rows).T)).to(self._device)
         # Label -1 gets the last entry of both, which is empty.
-        entries = labels.masked_fill(labels < 0, len(flags) - 1).flatten(1)
+        entries = labels.masked_fill(labels < 0, len(rows) - 1).flatten(1)
         # On a CPU three times as fast as indexing.
         codes = torch.stack([by_channel.index_select(1, level) for level in entries])
         known = torch.stack([usable.index_select(0, level) for level in entries])
@@ -97,37 +96,26 @@ class CodeTargets:
 
     def of_labels(self, frame: int, labels: Tensor) -> tuple[Tensor, Tensor]:
         """Return the (..., C) target codes of (...) labels in a frame, and (...) whether there is one."""
-        table, flags = self._table(frame)
-        wanted = labels.cpu().numpy()
-        codes, known = (torch.from_numpy(part[wanted]).to(self._device) for part in (table, flags))
+        rows = self._rows_in(frame)[labels.cpu().numpy()]
+        codes, known = (torch.from_numpy(part).to(self._device) for part in (self._codes_of(rows), rows >= 0))
         return codes, known
 
     def known(self, frame: int) -> Tensor:
         """(L, H, W) bool pixels of a frame with a target."""
-        usable = torch.from_numpy(np.append(self._usable_in(frame), False)).to(self._device)
-        return usable[self.labels(frame)]
-
-    def _usable_in(self, frame: int) -> NDArray[np.bool_]:
-        """(N,) instances with a target in the frame."""
-        usable = self._usable.copy()
-        owners = self._instance[self._frame == frame]
-        usable[owners] = self._named[owners]
-        return usable
+        return torch.from_numpy(self._rows_in(frame) >= 0).to(self._device)[self.labels(frame)]
 
     def _rows_in(self, frame: int) -> NDArray[np.int64]:
         """Return the (N + 1,) row of ``code_rows`` of each instance in the frame, -1 for no target; no label is last."""
         # The instance's own row; that of the frame's view replaces it where there is one.
-        rows: NDArray[np.int64] = len(self._instance) + np.arange(len(self._named))
+        rows = np.where(self._usable, len(self._instance) + np.arange(len(self._named)), -1)
         views = np.flatnonzero(self._frame == frame)
-        rows[self._instance[views]] = views
-        return np.append(np.where(self._usable_in(frame), rows, -1), -1)
+        owners = self._instance[views]
+        rows[owners] = np.where(self._named[owners], views, -1)
+        return np.append(rows, -1)
 
-    def _table(self, frame: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-        """Return the (N + 1, C) code of each instance in the frame, and (N + 1,) whether it has one; no label is last."""
-        rows = self._rows_in(frame)
-        codes = self._codes[rows]
-        codes[rows < 0] = 0.0
-        return codes, rows >= 0
+    def _codes_of(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Return the (..., C) codes of (...) rows, 0 for -1."""
+        return np.where(rows[..., None] < 0, np.float32(0), self._codes[rows])
 
 
 def code_l1(rendered: Tensor, targets: Targets, weight: Tensor | None) -> Tensor:

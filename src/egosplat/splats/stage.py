@@ -128,25 +128,22 @@ def _view_sets(
     """Read the training views and those held out."""
     chosen = split_views(frames, poses, kept)
     device = training_device(options.render.backend)
-    training, held_out = (read_views(frames, poses, rows, device) for rows in chosen)
-    training = replace(training, transient=masking.frames(training.frame))
     # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.
-    held_out = replace(held_out, transient=masking.of_the_user().frames(held_out.frame))
-    _check_left(training, masking)
+    given, held_out = (read_views(frames, poses, rows, device) for rows in chosen)
+    training = replace(given, transient=masking.frames(given.frame))
+    _check_left(training, given, frames)
     counts = f"{len(training)} training, {len(held_out)} held out"
     log(f"frames: {counts}; rendered on {rasterizer_used(options.render.backend, device)}")
     return training, held_out
 
 
-def _check_left(views: Views, masking: Masking) -> None:
+def _check_left(views: Views, given: Views, frames: Artifact) -> None:
     # Without this, training would run to its end with a loss of 0.
     if _has_weight(views):
         return
-    if masking.masked and not _has_weight(
-        replace(views, transient=masking.of_the_user().frames(views.frame))
-    ):
+    if given.transient is not None and not _has_weight(given):
         raise UserError(
-            f"{masking.masked.path}: the pictures' own masks or transparency leave no pixel of any training frame; "
+            f"{frames.path}: the pictures' own masks or transparency leave no pixel of any training frame; "
             "white shows the scene in a mask_path of transforms.json, and black in dynamic_mask_*.png"
         )
     raise UserError(

@@ -137,7 +137,7 @@ def test_a_resumed_run_has_the_same_corrections(start, pictures, camera_to_world
 
     unbroken = run(Checkpoint(tmp_path / "none.zarr", "", 1e9))
     with pytest.raises(Stopped):
-        run(StoppingCheckpoint(tmp_path, at=30))
+        run(StoppingCheckpoint(tmp_path / "splats.zarr", "key", at=30))
     resumed = run(Checkpoint(tmp_path / "splats.zarr", "key", 1e9))
     assert torch.equal(resumed.gaussians.means, unbroken.gaussians.means)
     for name, tensor in unbroken.corrections.state_dict().items():

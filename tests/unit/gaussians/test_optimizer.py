@@ -26,10 +26,11 @@ def make(n: int, channels: int = 2) -> Gaussians:
     return random_gaussians(n, 2, channels, seed=7).requires_grad_()
 
 
-def set_gradients(gaussians: Gaussians, seed: int, scale: float = 1.0) -> None:
+def set_gradients(gaussians: Gaussians, seed: int, scale: float = 1.0, hidden: object = slice(0)) -> None:
     generator = torch.Generator().manual_seed(seed)
     for parameter in gaussians.parameters().values():
         parameter.grad = torch.randn(parameter.shape, generator=generator) * scale
+        parameter.grad[hidden] = 0.0
 
 
 def torch_adam(gaussians: Gaussians) -> tuple[torch.optim.Adam, dict[str, torch.Tensor]]:
@@ -72,9 +73,7 @@ def test_invisible_rows_advance_only_the_step(share: float) -> None:
     for step in range(4):
         visible = torch.rand(40, generator=torch.Generator().manual_seed(step)) < share
         for gaussians in (one, other):
-            set_gradients(gaussians, step)
-            for parameter in gaussians.parameters().values():
-                parameter.grad[~visible] = 0.0
+            set_gradients(gaussians, step, hidden=~visible)
         known.step(visible)
         unknown.step(None)
     for name in PARAMETERS:
@@ -90,9 +89,7 @@ def test_a_broken_gradient_leaves_its_row_alone(value: float, name: str, gathere
     optimizer, reference = Adam(gaussians, RATES), Adam(sound, RATES)
     for step, broken in enumerate([False, True, False]):
         for each in (gaussians, sound):
-            set_gradients(each, step)
-            for parameter in each.parameters().values():
-                parameter.grad[~visible] = 0.0
+            set_gradients(each, step, hidden=~visible)
         if broken:
             getattr(gaussians, name).grad[2].flatten()[-1] = value
             if getattr(gaussians, name).ndim == 1:

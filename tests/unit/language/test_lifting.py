@@ -7,8 +7,9 @@ from scipy import sparse
 
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import view_of
+from egosplat.language import dominant as module
 from egosplat.language.centers import project_centers
-from egosplat.language.dominant import lift_instances, mean_of_dominant, target_votes
+from egosplat.language.dominant import lift_instances, sum_votes
 from egosplat.language.lifting import lift
 from egosplat.language.rendering import render_codes
 from egosplat.rasterize.view import composite
@@ -69,9 +70,13 @@ def test_lifted_codes_are_means_by_rendering_weight(alone):
     torch.testing.assert_close(share, torch.where(taught, known / seen, 0.0), rtol=1e-4, atol=1e-5)
 
 
-def test_votes_are_rendering_weights_at_centers(alone):
-    views, targets, images = alone
-    votes, seen = target_votes(views, targets)
+def test_votes_are_rendering_weights_at_centers_however_many_views_are_held(alone, monkeypatch):
+    (views, targets, images), found = alone, []
+    for views_at_once in (1000, 2, 1):
+        monkeypatch.setattr(module, "_VIEWS_AT_ONCE", views_at_once)
+        pairs, seen = sum_votes(views, targets)
+        found.append([*pairs, seen])
+    assert all(np.array_equal(*both) for other in found[1:] for both in zip(found[0], other, strict=True))
     expected, total = np.zeros((views.gaussians.count, 3)), np.zeros(views.gaussians.count)
     for frame, pose, image in zip(views.frame, views.camera_to_world, images, strict=True):
         gaussian, pixel, _ = project_centers(views.gaussians, CAMERA, pose, SETTINGS)
@@ -80,16 +85,20 @@ def test_votes_are_rendering_weights_at_centers(alone):
         labels = targets.labels(int(frame)).numpy()[:, row, column]
         expected[gaussian] += own[:, None] * (labels[..., None] == np.arange(3)).any(axis=0)
         total[gaussian] += own
-    by_instance = votes.toarray() @ np.eye(3)[targets.code_rows()[1]]
-    np.testing.assert_allclose(by_instance, expected, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(by_instance(pairs, seen), expected, rtol=1e-4, atol=1e-4)
     np.testing.assert_allclose(seen, total, rtol=1e-4, atol=1e-4)
+
+
+def by_instance(pairs, seen) -> np.ndarray:
+    """(N, 3) weights of each Gaussian on each instance."""
+    return sparse.csr_array((pairs[3], pairs[:2]), (len(seen), 3)).toarray()
 
 
 def test_each_gaussian_has_the_code_of_one_instance(wall, prepared):
     """A Gaussian on the border of two instances has the code of the larger part, not a mean."""
     views, targets = prepared()
     found = lift_instances(views, targets)
-    votes = target_votes(views, targets)[0].toarray() @ np.eye(3)[targets.code_rows()[1]]
+    votes = by_instance(*sum_votes(views, targets))
     assert found.levels == ["part", "whole"]
     middle, shown = (found.share > 0).T
     larger = torch.from_numpy(CODES[votes[:, :2].argmax(axis=1)])
@@ -98,15 +107,6 @@ def test_each_gaussian_has_the_code_of_one_instance(wall, prepared):
     assert bool(middle.any()) and float(found.share.min()) >= 0.0 and float(found.share.max()) <= 1.0
     far = wall.means[:, 1].abs() > 1.2  # no instance at level 0 there
     assert not found.share[far, 0].any() and not found.code[far, 0].any()
-
-
-def test_a_code_is_the_mean_of_the_views_of_the_dominant_instance():
-    """Weights 3 and 1 on two views of instance 5; weight 3.5 on another instance does not count."""
-    votes = sparse.csr_array(np.array([[3.0, 1.0, 3.5], [0.0, 0.0, 2.0], [0.0, 0.0, 0.0]], np.float32))
-    codes = np.array([[1.0, 0.0], [0.0, 4.0], [7.0, 7.0]], np.float32)
-    code, known = mean_of_dominant(votes, np.array([5, 5, 2]), codes)
-    np.testing.assert_allclose(code, [[0.75, 1.0], [7.0, 7.0], [0.0, 0.0]])
-    np.testing.assert_allclose(known, [7.5, 2.0, 0.0])
 
 
 def test_an_instance_without_views_has_no_code(prepared):

@@ -1,6 +1,7 @@
 """Stage splats writes a complete artifact, resumes identically, and reports user errors."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from egosplat.artifacts.schemas import FITTED, FRAMES, POSES, SCHEMAS, TRAINED, 
 from egosplat.errors import UserError
 from egosplat.gaussians.model import PARAMETERS
 from egosplat.splats import stage
-from tests.support.gaussian_scene import Stopped
+from tests.support.gaussian_scene import Stopped, StoppingCheckpoint
 from tests.support.scenes import put
 
 KEYS = {"masking": "none", "iterations": 40, "max_gaussians": 60, "evaluate_every": 20, "sh_degree": 1}
@@ -82,17 +83,10 @@ def test_masks_that_leave_no_pixel_are_named(scene, pictures, hides):
 def test_a_killed_run_resumes_to_the_same_gaussians_if_its_options_are_the_same(scene, monkeypatch, capsys):
     folder, keys = scene(), {"recipe": "paper"}
     unbroken = {seed: run(folder, f"{seed}.zarr", seed=seed, **keys).digest for seed in (0, 7)}
-    monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
-    save, written = stage.Checkpoint.save_if_due, folder / ".splats.zarr.checkpoint" / "state"
-
-    def save_and_end(self, state):
-        save(self, state)
-        if state()["iteration"] == 30:
-            raise Stopped
-
+    written = folder / ".splats.zarr.checkpoint" / "state"
     for seed in (7, 0):
         with monkeypatch.context() as patch, pytest.raises(Stopped):
-            patch.setattr(stage.Checkpoint, "save_if_due", save_and_end)
+            patch.setattr(stage, "Checkpoint", partial(StoppingCheckpoint, at=30))
             run(folder, seed=0, **keys)
         assert written.exists() and capsys.readouterr()
         assert run(folder, seed=seed, **keys).digest == unbroken[seed]

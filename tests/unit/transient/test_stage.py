@@ -1,18 +1,19 @@
 """Stage transient writes a complete artifact, resumes identically, and reports user errors."""
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.gaussians import trainer
 from egosplat.transient import stage
 from egosplat.transient.network import make_network
+from tests.support.gaussian_scene import Stopped, StoppingCheckpoint
 
 KEYS = {"iterations": 12, "input_size": 64, "resolution": 32}
 
@@ -72,15 +73,8 @@ def test_poses_and_exposure_are_corrected_here_too(scene):
 def test_a_killed_run_resumes_to_the_same_result(scene, monkeypatch, capsys):
     folder = scene()
     expected = run(folder, "unbroken.zarr").digest
-    save = Checkpoint.save_if_due
-
-    def stop(self, state):
-        save(self, state)
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        patch.setattr(Checkpoint, "save_if_due", stop)
-        patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
+    with monkeypatch.context() as patch, pytest.raises(Stopped):
+        patch.setattr(stage, "Checkpoint", partial(StoppingCheckpoint, at=10))
         run(folder)
     assert run(folder).digest == expected
     assert "resumes after iteration 10" in capsys.readouterr().err
