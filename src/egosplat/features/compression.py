@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from egosplat.errors import UserError
 from egosplat.features.autoencoder import fit_autoencoder
+from egosplat.features.supervision import parts_of
 from egosplat.language.decoder import Decoder
 
 Features = NDArray[np.float32]
@@ -16,8 +17,7 @@ Floats = NDArray[np.float64]
 # Fraction of rows that must be reconstructed where dims is auto, and their least cosine. A few of thousands of views may be unusual.
 SHARE, LEAST_COSINE = 0.95, 0.99
 
-# Rows per block in float64: 64 MiB at 512 channels. The cosines need several such arrays, so their blocks are smaller.
-_ROWS_AT_ONCE = 2**14
+# Rows per block: cosines need several arrays in float64.
 _COSINES_AT_ONCE = 2**12
 
 
@@ -74,9 +74,10 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
     width = features.shape[1]
     # Two passes, because sums of squares minus the squared mean would cancel.
     mean, scatter = np.zeros(width), np.zeros((width, width))
-    for rows in _blocks(features):
-        mean += rows.sum(axis=0) / len(features)
-    for rows in _blocks(features):
+    for part in parts_of(len(features)):
+        mean += features[part].astype(np.float64).sum(axis=0) / len(features)
+    for part in parts_of(len(features)):
+        rows = features[part].astype(np.float64)
         scatter += (rows - mean).T @ (rows - mean)
     # eigh sorts eigenvalues in ascending order; the largest variance comes first here.
     basis = np.linalg.eigh(scatter)[1][:, ::-1]
@@ -90,16 +91,13 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
     basis *= np.sign(basis[largest, np.arange(dims)])
 
     def encode(rows: Features) -> Features:
-        return ((rows.astype(np.float64) - mean) @ basis).astype(np.float32)
+        codes = np.empty((len(rows), basis.shape[1]), np.float32)
+        for part in parts_of(len(rows)):
+            codes[part] = (rows[part].astype(np.float64) - mean) @ basis
+        return codes
 
     values = np.concatenate([basis.ravel(), mean]).astype(np.float32)
     return Compression(encode, Decoder((dims, width), values), need)
-
-
-def _blocks(features: Features) -> Iterator[NDArray[np.float64]]:
-    """Yield the rows in float64, in blocks."""
-    for begin in range(0, len(features), _ROWS_AT_ONCE):
-        yield features[begin : begin + _ROWS_AT_ONCE].astype(np.float64)
 
 
 def needed_dims(features: Features, mean: Floats, basis: Floats) -> Need:

@@ -16,10 +16,11 @@ from egosplat.features.aggregation import MAD_K, Aggregate, aggregate
 from egosplat.features.compression import SHARE, fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
-    ROWS_AT_ONCE,
     Features,
     agreement,
     consistent_directions,
+    cosines,
+    parts_of,
     reconstruction,
     spread,
     summary,
@@ -45,7 +46,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     seen, names = found.views > 0, view_features.facts["levels"]
     # An encoder maps the zero feature to an arbitrary code.
     consistent_codes[~seen] = 0.0
-    cosines = reconstruction(supervision, codes, compressed.decoder)
+    rebuilt = reconstruction(supervision, codes, compressed.decoder)
     decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
     # Why codes have their length, if it was ``auto``, with the share of views per length.
     need = None
@@ -60,7 +61,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
         "instances_without_views": int((~seen).sum()),
         "outliers": int((~found.inlier).sum()),
         "slipped": int(mismatched.sum()),
-        "reconstruction": summary(cosines, level[instance], names),
+        "reconstruction": summary(rebuilt, level[instance], names),
         "agreement": agreement(feature, consistent, instance),
         "spread": {"features": spread(consistent[seen]), "decoded": spread(decoded)},
     }
@@ -94,12 +95,10 @@ def _supervision(
     excepts = options.supervision != "average" and options.set != "published"
     apart = spread(consistent[found.views > 0]) if excepts else None
     limit = -math.inf if apart is None else (1 + apart) / 2
-    mismatched = np.zeros(len(feature), bool)
+    mismatched = cosines(feature, lambda part: consistent[instance[part]]) < limit
     supervision = np.empty_like(feature)
-    for begin in range(0, len(supervision), ROWS_AT_ONCE):
-        part = slice(begin, begin + ROWS_AT_ONCE)
+    for part in parts_of(len(supervision)):
         own, common = feature[part].astype(np.float64), consistent[instance[part]]
-        mismatched[part] = (unit(own) * unit(common)).sum(axis=1) < limit
         values = supervise(own, common, found.inlier[part], mismatched[part], options.supervision)
         # Opposite features cancel; the average then has no direction of its own.
         supervision[part] = unit(np.where(vanishing(values)[:, None], common, values))

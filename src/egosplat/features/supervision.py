@@ -1,6 +1,6 @@
 """The supervision of Gaussians: a view's own feature, the consistent feature, or their average; its figures."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -52,26 +52,29 @@ def vanishing(features: Floats) -> Bools:
 
 Features = NDArray[np.float32]
 
-ROWS_AT_ONCE = 2**14
+# Rows that are held in float64 at a time: 64 MiB at 512 channels.
+_ROWS_AT_ONCE = 2**14
+
+
+def parts_of(count: int) -> list[slice]:
+    """Slices of so many rows, each small enough to be held in float64."""
+    return [slice(begin, begin + _ROWS_AT_ONCE) for begin in range(0, count, _ROWS_AT_ONCE)]
+
+
+def cosines(features: Features, others: Callable[[slice], Floats]) -> NDArray[np.float64]:
+    """(R,) cosine of each of (R, D) features with what ``others`` returns for some rows; 0 if either vanishes."""
+    parts = [(unit(features[part]) * unit(others(part))).sum(axis=1) for part in parts_of(len(features))]
+    return np.concatenate([np.zeros(0), *parts])
 
 
 def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDArray[np.float64]:
     """(R,) cosine of each feature with its decoded code; 0 if either vanishes."""
-    cosines = [np.zeros(0)]
-    for begin in range(0, len(features), ROWS_AT_ONCE):
-        part = slice(begin, begin + ROWS_AT_ONCE)
-        decoded = decode(torch.from_numpy(codes[part]), decoder).numpy()
-        cosines.append((unit(features[part]) * unit(decoded)).sum(axis=1))
-    return np.concatenate(cosines)
+    return cosines(features, lambda part: decode(torch.from_numpy(codes[part]), decoder).numpy())
 
 
 def agreement(views: Features, consistent: Features, instance: NDArray[np.integer]) -> float | None:
     """Mean cosine of (R, D) features of views with the (N, D) consistent ones of their ``instance`` (R,); None without views."""
-    total = 0.0
-    for begin in range(0, len(views), ROWS_AT_ONCE):
-        part = slice(begin, begin + ROWS_AT_ONCE)
-        total += float((unit(views[part]) * unit(consistent[instance[part]])).sum())
-    return total / len(views) if len(views) else None
+    return float(cosines(views, lambda part: consistent[instance[part]]).mean()) if len(views) else None
 
 
 def spread(features: Features) -> float | None:

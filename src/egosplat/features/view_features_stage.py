@@ -105,6 +105,7 @@ def run(
     views = join_views([part["views"].numpy().view(VIEW)[:, 0] for part in found])
     empty = np.zeros((0, 0 if found else channels(inputs.clip)), np.float32)
     features = np.concatenate([part["features"].numpy() for part in found] or [empty])
+    del found  # as large as all features
     good = _checked(features, options.clip_checkpoint)
     facts = {
         "levels": instances.facts["levels"],

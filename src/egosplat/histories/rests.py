@@ -1,7 +1,7 @@
 """Find the rests at the ends of carries: from when until when Gaussians explain the frames better than the scene alone
 (docs/method.md#rests)."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,12 +82,12 @@ def ends_of(carries: Sequence[Carry], seconds: Array) -> list[End]:
 
 
 def find_rests(
-    ends: Sequence[End], views: Sequence[Sequence[PlaceView]], seconds: Array, recording: Recording
+    ends: Sequence[End], views: Iterable[Sequence[PlaceView]], seconds: Array, recording: Recording
 ) -> list[Rest]:
     """Find the rests of all ends of carries, by views of each, in the order of time [s]; an end at a rest that is known joins
     it."""
     rests: list[Rest] = []
-    for end, seen in track([*zip(ends, views, strict=True)], "learning what rests", unit="end"):
+    for end, seen in track(zip(ends, views, strict=True), "learning what rests", len(ends), "end"):
         times = [seconds[[*rest.frames]] + (-_TOGETHER_S, _TOGETHER_S) for rest in rests if _holds(rest, end)]
         if any(first <= end.second <= last for first, last in times):
             continue

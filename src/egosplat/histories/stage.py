@@ -2,6 +2,7 @@
 thing (docs/method.md#carries)."""
 
 from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,9 @@ from egosplat.language.vectors import unit
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.progress import log
+
+# Ends whose views are held at a time: those of all ends of an hour do not fit into memory.
+_ENDS_AT_ONCE = 32
 
 # Carries whose features have this cosine show one thing.
 _ALIKE = 0.9
@@ -82,8 +86,9 @@ def run(
     carries, tracks = find_carries(seen, inside, seconds), len(np.unique(seen.track))
     log(f"{len(carries)} carries in {tracks} tracks of what moves")
     ends = ends_of(carries, seconds)
-    of_ends = see_places(ends, posed[frames.read("train")[posed]], recording)
-    rests = find_rests(ends, of_ends, seconds, recording)
+    posed, parts = posed[frames.read("train")[posed]], range(0, len(ends), _ENDS_AT_ONCE)
+    some = (see_places(ends[first : first + _ENDS_AT_ONCE], posed, recording) for first in parts)
+    rests = find_rests(ends, chain.from_iterable(some), seconds, recording)
     columns = _columns_of_carries(carries, views) | _columns_of_rests(rests, recording, views, options)
     links, carried = link(ends, rests, seconds, len(carries)), columns["carries/feature"]
     things, of_carries, features = find_things(rests, columns.pop("rests/feature"), links, carried)

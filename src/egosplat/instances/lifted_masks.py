@@ -91,17 +91,19 @@ def lift_masks(
     camera_to_world: NDArray[np.float64],
     camera: Camera,
     settings: RenderSettings,
-) -> LiftedMasks:
-    """Lift the masks of (T,) frames with (T, 4, 4) poses. ``look`` gives the (L, H, W) int32 labels of a
-    frame at the size of ``camera``, -1 for none, and which pixels count."""
-    instance, frame, votes, seen = [], [], [], []
-    for place in track(range(len(frames)), "lifting masks", unit="frame"):
-        labels, counted = look(int(frames[place]))
+) -> LiftedMasks | None:
+    """Lift the masks of those of (F,) frames with (F, 4, 4) poses that have any; None if none has. ``look`` gives the
+    (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none, and which pixels count."""
+    instance, frame, row, votes, seen = [], [], [], [], []
+    for place, number in enumerate(track(frames.tolist(), "lifting masks")):
+        labels, counted = look(number)
+        if not (labels >= 0).any():
+            continue
         view = camera, camera_to_world[place], settings
         centers = look_at_centers(gaussians, *view, median=False)
-        column, row = centers.pixel.T
-        shown = counted[row, column] & (centers.weight > _HIDDEN)
-        gaussian, found = centers.gaussian[shown], labels[:, row[shown], column[shown]]
+        x, y = centers.pixel.T
+        shown = counted[y, x] & (centers.weight > _HIDDEN)
+        gaussian, found = centers.gaussian[shown], labels[:, y[shown], x[shown]]
         pixels = torch.from_numpy(counted).to(gaussians.means)[..., None]
         sums = sum_over_pixels(view_of(gaussians, *view), pixels)[:, 0]
         weight = sums.cpu().numpy()[gaussian]
@@ -111,11 +113,14 @@ def lift_masks(
         where = gaussian[held], np.searchsorted(ids, found[level, held])
         votes.append(sparse.csc_array((weight[held], where), (gaussians.count, len(ids))))
         instance.append(ids)
-        frame.append(np.full(len(ids), place))
+        frame.append(np.full(len(ids), len(row)))
+        row.append(number)
+    if not row:
+        return None
     return LiftedMasks(
         np.concatenate(instance).astype(np.int64),
         np.concatenate(frame).astype(np.int64),
-        frames,
+        np.array(row, np.int64),
         sparse.csc_array(sparse.hstack(votes, format="csc")),
         sparse.csr_array(sparse.vstack(seen, format="csr")),
     )
@@ -137,8 +142,5 @@ def lift(
         labels, unseen = select(resize_labels(segments.row("labels", frame), *size))
         return labels, resize_labels(shown(frame), *size) & ~unseen
 
-    has_masks = np.array([bool((look(int(frame))[0] >= 0).any()) for frame in views.frame], bool)
-    if not has_masks.any():
-        return None
-    some = views.frame[has_masks], views.camera_to_world[has_masks]
-    return lift_masks(geometry.gaussians, look, *some, views.camera, geometry.settings)
+    where = views.frame, views.camera_to_world, views.camera
+    return lift_masks(geometry.gaussians, look, *where, geometry.settings)

@@ -98,8 +98,9 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
 
     def watched(gaussians, look, frames, *others):
         looked.clear()  # the tracks are lifted before, by themselves
-        looked.update({int(frame): look(int(frame)) for frame in frames})
-        return lift_masks(gaussians, look, frames, *others)
+        lifted = lift_masks(gaussians, look, frames, *others)
+        looked.update({frame: look(frame) for frame in lifted.row.tolist()})
+        return lifted
 
     monkeypatch.setattr("egosplat.instances.lifted_masks.lift_masks", watched)
     labels, hidden = marked(truth), np.zeros((FRAMES, SIZE, SIZE), bool)

@@ -24,6 +24,8 @@ EXHAUSTIVE_UP_TO = 30
 _PAIRS_PER_BATCH = 100
 # Images that each is compared with because they look alike; centers of descriptors, and of how many.
 _ALIKE, _CENTERS, _SAMPLE = 5, 64, 20_000
+# Images that are compared with all others at once: those of an hour have 5 GB of likenesses.
+_ROWS = 512
 _TINY = 1e-6
 
 
@@ -36,8 +38,8 @@ def match_images(project: Project, matching: str, seed: int, threads: int) -> di
     project.check_free_space()
     if matching == "auto":
         matching = "exhaustive" if len(project.names) <= EXHAUSTIVE_UP_TO else "sequential"
-    every = [*itertools.combinations(project.names, 2)]
-    pairs = every if matching == "exhaustive" else sequential_pairs(project, OVERLAP, seed)
+    every = itertools.combinations(project.names, 2)
+    pairs = [*every] if matching == "exhaustive" else sequential_pairs(project, OVERLAP, seed)
     options = pycolmap.FeatureMatchingOptions(num_threads=threads)
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = seed
@@ -67,7 +69,8 @@ def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
     offsets = {*range(1, overlap + 1), *(2**power for power in range(overlap))}
     near = {pair for offset in offsets for pair in zip(names, names[offset:], strict=False)}
     alike = set()
-    for number, likeness in enumerate(looks @ looks.T):
+    likenesses = (looks[first : first + _ROWS] @ looks.T for first in range(0, len(looks), _ROWS))
+    for number, likeness in enumerate(itertools.chain.from_iterable(likenesses)):
         likeness[max(0, number - overlap) : number + overlap + 1] = -np.inf
         best = [other for other in np.argsort(-likeness, kind="stable")[:_ALIKE] if likeness[other] > -np.inf]
         alike |= {(names[min(number, other)], names[max(number, other)]) for other in best}
