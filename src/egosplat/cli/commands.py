@@ -19,6 +19,7 @@ from egosplat.errors import UserError, user_message
 from egosplat.files import check_output
 from egosplat.pipeline.config import stage_options
 from egosplat.pipeline.config_table import keys_page
+from egosplat.pipeline.costs import lack_of_memory
 from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.process_guards import STARTED_BY, end_with_snakemake
@@ -168,7 +169,12 @@ def stage_command(stage: str) -> click.Command:
             import_module(STAGES[stage].module)
         if STARTED_BY in os.environ:
             name_lines(stage)
-            _tell_last_time(paths["output"])
+            # How long the result took the last time, as Snakemake measured it beside the log.
+            with contextlib.suppress(OSError, IndexError):
+                measured = Path("logs", *paths["output"].with_suffix(".tsv").parts[1:]).read_text()
+                log(f"took {measured.splitlines()[1].split()[1]} the last time [h:m:s]")
+        if told := lack_of_memory(stage, dict(options or {}), paths.get("frames"), bool(paths.get("chunk"))):
+            log(f"warning: {told}")
         if stage in FILES:
             check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
         run_stage(stage, options, **paths)
@@ -178,13 +184,6 @@ def stage_command(stage: str) -> click.Command:
     about = {"callback": call, "params": path_flags(stage), "help": STAGES[stage].help}
     name, keys = stage.replace("_", "-"), stage_options(stage)
     return KeysCommand(name, keys, stage, **about) if keys else click.Command(name, **about)
-
-
-def _tell_last_time(output: Path) -> None:
-    """Log how long a result took the last time, as Snakemake measured it beside the log."""
-    with contextlib.suppress(OSError, IndexError):
-        measured = Path("logs", *output.with_suffix(".tsv").parts[1:]).read_text()
-        log(f"took {measured.splitlines()[1].split()[1]} the last time [h:m:s]")
 
 
 def main() -> None:

@@ -1,10 +1,13 @@
 """Memory, time and GPUs that a stage's job requests: a base and a slope over the gigapixels of the frames, times the attempt."""
 
+import contextlib
 import errno
 import json
 import math
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from egosplat.pipeline.chunks import CHUNK_FRAMES
 from egosplat.pipeline.config import Config, stage_sections, stage_values
@@ -47,14 +50,37 @@ def request(
     """Get what to request, attempt n, from 1, n times as much: ``mem_mb``, a multiple of 100 [MB], and ``runtime``, a day at most
     [min]. Raises as ``gigapixels``.
     """
-    base_mb, slope_mb, base_min, slope_min = STAGES[stage].request
+    _, _, base_min, slope_min = STAGES[stage].request
     values, size = stage_values(stage, config), gigapixels(stage, config, inputs, chunk)
-    is_published = any(values.get(key, "small") != "small" for key in ("sam2_config", "clip_model"))
     devices = gpus(stage, config)
-    megabytes = base_mb + slope_mb * size + _CUDA_MB * devices + _PUBLISHED_MB * is_published
-    times = _PUBLISHED_TIMES if is_published and not devices else 1
+    megabytes = _megabytes(stage, values, size) + _CUDA_MB * devices
+    times = _PUBLISHED_TIMES if _is_published(values) and not devices else 1
     minutes = min(base_min + times * slope_min * size, _DAY_MIN)
     return {"mem_mb": attempt * 100 * math.ceil(megabytes / 100), "runtime": attempt * math.ceil(minutes)}
+
+
+def lack_of_memory(
+    stage: str, values: Mapping[str, Any], frames: Path | None, chunk: bool = False
+) -> str | None:
+    """Say that a stage may need more memory than the machine has for its frames, and what needs less; None if it does not."""
+    with contextlib.suppress(
+        OSError, ValueError, KeyError
+    ):  # the stage itself tells what is wrong with the frames
+        needed = _megabytes(stage, values, gigapixels(stage, {}, [str(frames)], chunk))
+        has = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e6
+        if _megabytes(stage, values, 0.0) <= has < needed:
+            told = f"may need {needed / 1e3:.0f} GB of memory for these frames, and {has / 1e3:.0f} are here"
+            return f"{told}: a larger frames.stride or a smaller frames.resolution needs less"
+    return None
+
+
+def _megabytes(stage: str, values: Mapping[str, Any], size: float) -> float:
+    base, slope, *_ = STAGES[stage].request
+    return base + slope * size + _PUBLISHED_MB * _is_published(values)
+
+
+def _is_published(values: Mapping[str, Any]) -> bool:
+    return any(values.get(key, "small") != "small" for key in ("sam2_config", "clip_model"))
 
 
 def can_use_gpu(stage: str) -> bool:

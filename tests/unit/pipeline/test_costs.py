@@ -60,3 +60,12 @@ def test_no_job_asks_for_more_than_a_day_at_once(frames):
 )
 def test_a_job_asks_for_a_gpu_if_it_can_use_one(stage, change, expected):
     assert costs.gpus(stage, merge(CONFIG, change)) == expected
+
+
+def test_a_stage_that_needs_more_than_the_machine_has_for_its_frames_says_so(frames, monkeypatch):
+    """Not where models alone need more, which no frame less would change."""
+    base, slope, *_ = STAGES["masks"].request
+    for megabytes, told in ((base / 2, False), (base + slope / 2, True), (base + slope, False)):
+        monkeypatch.setattr(costs.os, "sysconf", {"SC_PAGE_SIZE": 1e6, "SC_PHYS_PAGES": megabytes}.get)
+        assert ("frames.stride" in str(costs.lack_of_memory("masks", {}, frames))) == told
+    assert costs.lack_of_memory("masks", {}, frames + "/missing/frames.zarr") is None
