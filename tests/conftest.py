@@ -23,6 +23,8 @@ from tests.support.warm import leave_flushing, run_snakemake, share_servers
 REAL_DATA = Path(os.environ.get("EGOSPLAT_REAL_DATA", ROOT.parent / "shared" / "data"))
 
 
+# A run that chooses its models itself would fetch them; tests have a hub of their own (tests/support/hub.py).
+os.environ["HF_HUB_OFFLINE"] = "1"
 # Tests read what a user would see.
 show_log()
 leave_flushing()

@@ -25,9 +25,9 @@ from egosplat.drawing import hide_axes, plt
 from egosplat.gaussians.render import view_of
 from egosplat.images import encode_webp
 from egosplat.language.decoder import decode
-from egosplat.language.rendering import render_codes
 from egosplat.pipeline.variants import variant_folder
 from egosplat.query.scene import read_scene
+from egosplat.rasterize.view import render_codes
 
 # Frames of a picture, width of a cell [inches], and quality of the file.
 FRAMES_SHOWN, CELL, QUALITY = 3, 1.5, 80

@@ -14,7 +14,6 @@ from torch import Tensor
 from benchmarks.common import markdown
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, SPLATS
-from egosplat.gaussians.device import training_device
 from egosplat.gaussians.evaluation import evaluate
 from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import torch_l1_ssim
@@ -24,6 +23,7 @@ from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.geometry import invert
 from egosplat.progress import track
+from egosplat.rasterize.api import training_device
 from egosplat.rasterize.contract import MAX_SH_DEGREE
 from egosplat.splats import stage as splats
 from egosplat.splats.options import SplatsOptions

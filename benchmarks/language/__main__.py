@@ -30,11 +30,11 @@ from egosplat.gaussians.training_views import open_masking
 from egosplat.language.decoder import Decoder, decode, read_decoder
 from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
-from egosplat.language.rendering import render_codes
 from egosplat.language.targets import CodeTargets, Targets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.home import title_of
 from egosplat.progress import log
+from egosplat.rasterize.view import render_codes
 from egosplat_rivals.langsplat import PlainCodes
 from egosplat_rivals.loop import train
 

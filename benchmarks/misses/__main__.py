@@ -35,11 +35,11 @@ from egosplat.evaluation.queries import Mask, read_layers
 from egosplat.gaussians.render import view_of
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.dominant import dominant, sum_votes
-from egosplat.language.rendering import render_codes
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.home import title_of
 from egosplat.query.finished_scene import Scene, open_scene
+from egosplat.rasterize.view import render_codes
 from egosplat_rivals.scored_scenes import read_scored_scene
 
 CAUSES = ("no mask", "masked", "no Gaussians", "wrong pixel", "wrong name")

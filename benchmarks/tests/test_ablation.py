@@ -12,7 +12,7 @@ from benchmarks.scores import accuracy_difference, format_difference, iou_differ
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters
 from egosplat_rivals.scored_scenes import ScoredScene
-from tests.support.scores import SETUP
+from tests.support.tables import SETUP
 
 OPTIONS = {"options": {"confidence": 0.95}, "versions": {}, "cpu_s": 1.0, "peak_memory_mb": 1.0}
 

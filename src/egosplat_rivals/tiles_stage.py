@@ -17,7 +17,7 @@ from egosplat.artifacts.schemas import FRAMES, TILE_SCALES, TILES, lies_on_its_s
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
 from egosplat.features.crops import encode, resize
-from egosplat.models import image_encoder
+from egosplat.models import point_decoder
 from egosplat.models.checkpoints import CLIP, SAM2, SMALL, model_hash
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_open_clip
@@ -159,4 +159,4 @@ def principal_components(centered: Tensor, count: int) -> tuple[Tensor, float]:
 def _map(sam2: Sam2, image: Pixels) -> Tensor:
     """(h, w, C) float32 on the CPU."""
     with sam2.compute.inference():
-        return image_encoder.encode(sam2, image).image(-1)[0].permute(1, 2, 0).float().cpu()
+        return point_decoder.encode(sam2, image).image(-1)[0].permute(1, 2, 0).float().cpu()

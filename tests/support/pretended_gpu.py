@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any, Self
 
+import pytest
 import torch
 from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
@@ -273,3 +274,11 @@ def pretended_gpu(patch: Any) -> Iterator[PretendedGpu]:
     patch.setattr(torch, "inference_mode", torch.no_grad)
     with mode:
         yield mode
+
+
+@pytest.fixture
+def gpu(monkeypatch):
+    """The pretended GPU, for the rest of the test; no test may mix its tensors with those of the CPU."""
+    with pretended_gpu(monkeypatch) as device:
+        yield device
+    assert not device.mixed

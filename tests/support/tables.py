@@ -1,10 +1,30 @@
-"""Read tables: those that benchmarks print, and one of scenes."""
+"""Tables that benchmarks print, the table of scenes, and scores as they stand in metrics.json."""
 
 from pathlib import Path
 
 from egosplat.pipeline.config import resolve
 from egosplat.pipeline.scenes import Scene, read_scenes
 from tests.support import PRESETS
+
+OPTIONS = {
+    "min_area": 0.001,
+    "excluded": ["shelter"],
+    "masks": "threshold",
+}
+"""Keys of the section metrics that scores in one table must share."""
+
+SETUP = {
+    "recording": {
+        "kind": "adt",
+        "name": "recording",
+        "hash": "d",
+        "frames": 3,
+        "seconds": 1.0,
+        "seed": 1,
+        "camera": "ideal",
+    }
+} | {"seed": 0, "preset": "balanced", "commit": "c0de", "clean": True}
+"""What was measured, and how."""
 
 
 def cells(text: str) -> list[list[str]]:

@@ -1,9 +1,10 @@
 """A scene that can be asked: two halves of a wall that mean a couch and a cup, as a folder of artifacts."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,17 @@ from egosplat.pipeline.survey_file import digest_of_frames
 from egosplat.pipeline.validation import write_document
 from egosplat.query.text import encode_phrases
 from egosplat.survey.stage import FORMAT_VERSION
-from tests.support.gaussian_scene import SETTINGS, opaque, photographs
+from tests.support.gaussian_scene import (  # noqa: F401
+    SETTINGS,
+    camera_to_world,
+    opaque,
+    photographs,
+    pictures,
+    points,
+    scene,
+    truth,
+)
+from tests.support.pretended_gpu import gpu  # noqa: F401
 from tests.support.scenes import camera_facts, digests, put
 from tests.support.tiny_clip import write_tiny_clip
 
@@ -34,6 +45,19 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty working directory."""
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def with_threads() -> Iterator[Callable[..., Any]]:
+    """``with_threads(count, function, *arguments)``: the result of a function with so many threads of torch."""
+    before = torch.get_num_threads()
+
+    def call(count: int, function: Callable[..., Any], *arguments: object) -> Any:
+        torch.set_num_threads(count)
+        return function(*arguments)
+
+    yield call
+    torch.set_num_threads(before)
 
 
 @pytest.fixture(scope="session")

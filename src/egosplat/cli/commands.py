@@ -142,7 +142,7 @@ def models(
     """List the checkpoints that the configuration needs: place, license, size, SHA-256, and whether they are there.
 
     With download, fetch those that are missing, or those of NAMES: architectures, as sam2.1_hiera_l. Proxies are those of the
-    environment (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. Nothing else in egosplat downloads anything.
+    environment (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. egosplat run fetches what it needs; steps download nothing.
     """
     from egosplat.doctor.inputs import read_configuration, read_configurations
     from egosplat.models.needed import catalogue, download, find_needed, listing
@@ -151,12 +151,10 @@ def models(
         needed = catalogue(read_configuration(configfile, config)[0], names)
     else:
         needed = find_needed(read_configurations(configfile, config))
-    if action is None:
-        options = [word for path in configfile for word in ("--configfile", str(path))]
-        click.echo(listing(needed, [*options, *(word for pair in config for word in ("--config", pair))]))
-    else:
-        for line in download(needed):
-            click.echo(line)
+    if action:
+        download(needed)
+    options = [word for path in configfile for word in ("--configfile", str(path))]
+    click.echo(listing(needed, [*options, *(word for pair in config for word in ("--config", pair))]))
 
 
 def stage_command(stage: str) -> click.Command:

@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from egosplat.calibration.files import recording_origin
 from egosplat.doctor.findings import Finding, Mark, machine_findings, tried
 from egosplat.errors import UserError
 from egosplat.files import expand_home
@@ -51,13 +50,8 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
 
 def scene_notice(scene: Scene) -> str | None:
     """The warning for a scene; None if the models suit its recording or it is absent."""
-    if scene.synthetic or not scene.recording.exists():
-        return None
-    try:
-        origin = recording_origin(scene.format, scene.recording)
-    except UserError:
-        return None  # the stage frames reports what is wrong with the recording
-    return notice(origin, configured_checkpoints(scene.config), aria=scene.format == "adt")
+    suits = scene.rendered or not scene.recording.exists()
+    return None if suits else notice("real", configured_checkpoints(scene.config))
 
 
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[LayeredConfig, list[str]]:

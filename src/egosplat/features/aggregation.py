@@ -8,7 +8,6 @@ The paper leaves the deviation open (docs/method.md#deviation):
 - ``none``: every view is an inlier.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,9 +59,15 @@ def aggregate(
         np.bincount(instance, minlength=count).astype(np.int32),
         np.zeros(len(features), bool),
     )
-    for rows in _of_equal_length(instance, features.shape[1]):
-        owner = instance[rows[:, 0]]
-        found.feature[owner], found.inlier[rows] = robust_mean(features[rows], norm, k)
+    _, first, counts = np.unique(instance, return_index=True, return_counts=True)
+    # Blocks of equal numbers of views, without padding: a tracked scene has many instances but few different numbers.
+    for length in np.unique(counts):
+        starts = first[counts == length]
+        at_once = max(1, _NUMBERS_AT_ONCE // int(length * features.shape[1]))
+        for begin in range(0, len(starts), at_once):
+            rows = starts[begin : begin + at_once, None] + np.arange(length)
+            owner = instance[rows[:, 0]]
+            found.feature[owner], found.inlier[rows] = robust_mean(features[rows], norm, k)
     return found
 
 
@@ -113,14 +118,3 @@ def _mean(values: Floats, kept: Bools) -> Floats:
     number = np.maximum(kept.sum(axis=1), 1)
     # Divided before the sum, which cannot overflow then.
     return (np.where(kept, values, 0.0) / number[:, None]).sum(axis=1)
-
-
-def _of_equal_length(instance: NDArray[np.integer], channels: int) -> Iterator[NDArray[np.int64]]:
-    """Yield (G, V) rows of instances with equal numbers of views, in blocks that fit the cache."""
-    # Blocks without padding: a tracked scene has many instances but few different numbers of views.
-    _, first, counts = np.unique(instance, return_index=True, return_counts=True)
-    for count in np.unique(counts):
-        starts = first[counts == count]
-        at_once = max(1, _NUMBERS_AT_ONCE // int(count * channels))
-        for begin in range(0, len(starts), at_once):
-            yield starts[begin : begin + at_once, None] + np.arange(count)

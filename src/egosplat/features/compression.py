@@ -1,6 +1,6 @@
 """Compress features to codes with few channels: none, a linear basis, or LangSplat's autoencoder."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,17 +103,7 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
 def needed_dims(features: Features, mean: Floats, basis: Floats) -> Need:
     """Return the fewest principal directions that reconstruct (R, D) rows with at least the cosine
     ``LEAST_COSINE``, or all. ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first."""
-    good = np.zeros(len(mean))
-    for cosines in _cosines(features, mean, basis):
-        good += (cosines >= LEAST_COSINE).sum(axis=0)
-    share = good / len(features) if len(features) else np.ones(len(mean))
-    enough = np.flatnonzero(share >= SHARE)
-    return Need(int(enough[0]) + 1 if len(enough) else len(mean), share)
-
-
-def _cosines(features: Features, mean: Floats, basis: Floats) -> Iterator[Floats]:
-    """Yield (B, D) cosines of rows with their reconstruction from the first 1, 2, ... directions."""
-    along = mean @ basis
+    along, good = mean @ basis, np.zeros(len(mean))
     for begin in range(0, len(features), _COSINES_AT_ONCE):
         rows = features[begin : begin + _COSINES_AT_ONCE].astype(np.float64)
         codes = (rows - mean) @ basis
@@ -121,4 +111,8 @@ def _cosines(features: Features, mean: Floats, basis: Floats) -> Iterator[Floats
         product = (rows @ mean)[:, None] + np.cumsum((rows @ basis) * codes, axis=1)
         square = mean @ mean + np.cumsum(codes * (2 * along + codes), axis=1)
         lengths = np.linalg.norm(rows, axis=1)[:, None] * np.sqrt(square.clip(0.0))
-        yield np.divide(product, lengths, out=np.zeros_like(product), where=lengths > 0)
+        cosines = np.divide(product, lengths, out=np.zeros_like(product), where=lengths > 0)
+        good += (cosines >= LEAST_COSINE).sum(axis=0)
+    share = good / len(features) if len(features) else np.ones(len(mean))
+    enough = np.flatnonzero(share >= SHARE)
+    return Need(int(enough[0]) + 1 if len(enough) else len(mean), share)

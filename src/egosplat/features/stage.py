@@ -92,7 +92,7 @@ def _supervision(
     consistent = consistent_directions(found.feature, feature, instance)
     # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
     # small models' tracks alone (docs/method.md#mismatched); the paper makes no exception.
-    excepts = options.supervision != "average" and options.set != "published"
+    excepts = options.supervision != "average" and options.set not in ("light", "published")
     apart = spread(consistent[found.views > 0]) if excepts else None
     limit = -math.inf if apart is None else (1 + apart) / 2
     mismatched = cosines(feature, lambda part: consistent[instance[part]]) < limit

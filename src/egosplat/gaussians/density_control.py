@@ -135,11 +135,14 @@ def split_gaussians(parents: Gaussians, generator: torch.Generator) -> Gaussians
     """2 M children of M parents, the first of each, then the second: centers drawn from the parent, scales divided by 1.6."""
     # Children keep the parent's opacity and colors, as in 3DGS.
     children = Gaussians.concatenate([parents] * _CHILDREN)
-    local = random_normal(children.means, generator) * children.scales
+    means = children.means
+    if means.device.type == "cuda":
+        # A GPU draws them itself, from a seed: copying them would take longer than an iteration.
+        seed = int(torch.randint(2**62, (), generator=generator))
+        generator = torch.Generator(means.device).manual_seed(seed)
+    local = children.scales * torch.randn(means.shape, generator=generator, device=generator.device).to(means)
     offsets = (rotations(children.quats) @ local[:, :, None])[:, :, 0]
-    return replace(
-        children, means=children.means + offsets, log_scales=children.log_scales - math.log(_SHRINK)
-    )
+    return replace(children, means=means + offsets, log_scales=children.log_scales - math.log(_SHRINK))
 
 
 def too_large(
@@ -180,12 +183,3 @@ def replace_rows(
         )
     optimizer.replace_rows(result.requires_grad_(), keep, added)
     return result
-
-
-def random_normal(like: Tensor, generator: torch.Generator) -> Tensor:
-    """Standard normal numbers with the shape and device of ``like``; the generator is on the CPU. A GPU draws
-    them itself, from a seed that the generator draws: copying them would take longer than an iteration."""
-    if like.device.type == "cuda":
-        seed = int(torch.randint(2**62, (), generator=generator))
-        generator = torch.Generator(like.device).manual_seed(seed)
-    return torch.randn(like.shape, generator=generator, device=generator.device).to(like)

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels.exposure import Expose
+from egosplat.rasterize.kernels.training import Expose
 
 # Colors from here on are saturated. Below 1: JPEG and resampling darken some saturated pixels.
 SATURATED = 0.98

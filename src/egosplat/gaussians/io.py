@@ -7,11 +7,11 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.writer import Writer
 from egosplat.errors import UserError
-from egosplat.gaussians.device import training_device
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.render import BACKGROUNDS, RenderSettings, TrainedScene
 from egosplat.gaussians.trainer import Curves
 from egosplat.geometry import Camera
+from egosplat.rasterize.api import training_device
 
 
 def put_gaussians(artifact: Writer, gaussians: Gaussians) -> None:

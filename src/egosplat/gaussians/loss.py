@@ -32,7 +32,7 @@ def l1_ssim(render: Tensor, target: Tensor, weight: Tensor | None, ssim_lambda: 
     _check(render, target, weight)
     if not _can_fuse(render, target, weight):
         return torch_l1_ssim(render, target, weight, ssim_lambda)
-    from egosplat.rasterize.kernels.loss import l1_ssim as fused
+    from egosplat.rasterize.kernels.training import l1_ssim as fused
 
     return fused(render, target, weight, ssim_lambda)
 

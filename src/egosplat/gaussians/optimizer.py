@@ -10,7 +10,7 @@ from torch import Tensor
 
 from egosplat.gaussians.model import PARAMETERS, Gaussians, as_rows
 from egosplat.rasterize.kernels import library
-from egosplat.rasterize.kernels.adam import BETA1, BETA2, EPS, State, adam_step
+from egosplat.rasterize.kernels.training import BETA1, BETA2, EPS, State, adam_step
 
 # Its square is finite in float32. The square of a larger gradient would make the second moment infinite.
 LARGEST_GRADIENT = 1e18

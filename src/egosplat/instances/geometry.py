@@ -11,7 +11,6 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses
 from egosplat.gaussians.corrections import applied, corrected_poses
-from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import Gaussians
@@ -20,6 +19,7 @@ from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import begin, train_alone
 from egosplat.gaussians.training_views import Mask, Views, read_views
 from egosplat.instances.options import InstancesOptions
+from egosplat.rasterize.api import training_device
 
 # Comparing masks needs surfaces, not texture: fewer Gaussians than a render, of one color each.
 _FEW: dict[str, Any] = {"max_points": 40_000, "max_gaussians": 60_000}

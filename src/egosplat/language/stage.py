@@ -13,7 +13,6 @@ from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.reader import open_artifact, open_needed
 from egosplat.artifacts.schemas import FRAMES, LANGUAGE, POSES, SPLATS
 from egosplat.artifacts.writer import create
-from egosplat.gaussians.device import training_device
 from egosplat.gaussians.io import read_gaussians, read_render_settings
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.decoder import decoder_metadata
@@ -23,6 +22,7 @@ from egosplat.language.targets import CodeTargets
 from egosplat.language.views import select_code_views
 from egosplat.pipeline.stages import load_module
 from egosplat.progress import log
+from egosplat.rasterize.api import training_device
 
 
 def run(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError, reraise_as
-from egosplat.files import atomic_file, expand_home
+from egosplat.files import alone, atomic_file, expand_home
 from egosplat.models.checkpoints import CLIP, PHOTO_WEIGHTS, PHOTOS, SAM2, SENTENCES, SMALL, content_hash
 from egosplat.models.suitability import configured_checkpoints
 from egosplat.pipeline.model_sets import CATALOGUE, PublishedModel, hub, locate_checkpoints, named_model
@@ -108,49 +108,69 @@ def _entry(file: Needed) -> str:
     )
 
 
-def download(files: Sequence[Needed]) -> list[str]:
-    """Fetch what is missing of published checkpoints, through the cache of ``huggingface_hub``, and verify what is there.
-
-    Returns a line for each file (UserError: one cannot be fetched, with the addresses of all that are missing, or is another
-    one).
-    """
+def download(files: Sequence[Needed]) -> None:
+    """Fetch what is missing of published checkpoints, through the cache of ``huggingface_hub``, and verify what is there; UserError:
+    one cannot be fetched, with the addresses of all that are missing, or is another one."""
     missing = [file for file in files if file.missing]
     by_hand = [f"{file.published.address} -> {file.path}" for file in missing if file.published]
-    lines = []
+    if total := sum(file.published.megabytes for file in missing if file.published):
+        log(f"{total:,.0f} MB are fetched once. After Ctrl-C or an error the same command goes on")
     for file in files:
-        model, told = file.published, "already there"
-        if file in missing:
-            if model is None:
-                wrong = f"there is no file {file.path}, and egosplat's catalogue does not have it"
-                raise UserError(f"{file.key}: {wrong}")
-            _fetch(model, file.path, by_hand)
-            told = "fetched"
-        if model is None:
-            lines.append(f"{file.path}: {file.name}")
-            continue
-        digest = _checked_digest(model, file.path)
-        trust = f"as published ({digest})" if model.sha256 else f"{digest} (none is published)"
-        lines.append(f"{file.path}: {told}, SHA-256 {trust}")
-    return lines
+        if file.published:
+            if file in missing:
+                _fetch(file.published, file.path, by_hand)
+            _check_digest(file.published.sha256, file.path)
+        elif file in missing:
+            wrong = f"there is no file {file.path}, and egosplat's catalogue does not have it"
+            raise UserError(f"{file.key}: {wrong}")
+
+
+def why_unreachable(files: Sequence[Needed]) -> str | None:
+    """Why the hub does not answer, where one of missing published files is still to be fetched from it; None if it does."""
+    from huggingface_hub.errors import HfHubHTTPError
+
+    for model in [file.published for file in files if file.missing and file.published]:
+        try:
+            with reraise_as(lambda error, model=model: _fault(model, error)):
+                _find_on_hub(model)
+        except UserError as told:
+            # An answer with a status is for the download to tell.
+            return None if isinstance(told.__cause__, HfHubHTTPError) else str(told)
+    return None
+
+
+def _fault(model: PublishedModel, error: Exception, advice: str = "") -> UserError:
+    reason = str(error.__cause__ or error).partition("\n")[0].rstrip(".") or type(error).__name__
+    names = [name for name in os.environ if name == "HF_ENDPOINT" or name.lower().endswith("_proxy")]
+    through = f" (with {', '.join(sorted(names))} set)" if names else ""
+    return UserError(f"{model.address}: cannot be fetched: {reason}{through}{advice}")
+
+
+def _find_on_hub(model: PublishedModel) -> Any:
+    """What the hub tells about a file, an ``HfFileMetadata``; None for one that the cache of ``huggingface_hub`` has."""
+    from huggingface_hub import get_hf_file_metadata, hf_hub_url, try_to_load_from_cache
+
+    names = (model.repository, model.remote)
+    if isinstance(try_to_load_from_cache(*names, revision=model.revision), str):
+        return None
+    return get_hf_file_metadata(hf_hub_url(*names, revision=model.revision, endpoint=hub()))
 
 
 def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
     """Download a checkpoint; it appears under its name verified, or not at all."""
     from huggingface_hub import hf_hub_download
 
-    def describe(error: Exception) -> UserError:
-        reason = str(error.__cause__ or error).partition("\n")[0].rstrip(".") or type(error).__name__
-        names = [name for name in os.environ if name == "HF_ENDPOINT" or name.lower().endswith("_proxy")]
-        through = f" (with {', '.join(sorted(names))} set)" if names else ""
-        told = f"{model.address}: cannot be fetched: {reason}{through}."
-        return UserError(f"{told}\nFetch by hand: {'; '.join(by_hand)}")
-
-    log(f"{path.name}: {model.megabytes:,.0f} MB from {model.address} (license: {model.license})")
-    with reraise_as(describe):
+    ways = f"The same command goes on. By hand: {'; '.join(by_hand)}; or without: models.set=photos"
+    about = f"license: {model.license}; published SHA-256: {model.sha256 or 'none'}"
+    log(f"{path.name}: {model.megabytes:,.0f} MB from {model.address} ({about})")
+    with reraise_as(lambda error: _fault(model, error, f".\n{ways}")):
+        _fill_cache(model)
         cached = hf_hub_download(model.repository, model.remote, revision=model.revision, endpoint=hub())
     fetched = Path(cached).resolve()
+    # A large file is named there by its digest, as the hub tells it.
+    told = fetched.name if len(fetched.name) == 64 else None
     try:
-        _checked_digest(model, fetched)
+        _check_digest(model.sha256 or told, fetched)
     except UserError:
         fetched.unlink()  # else the cache would give it again
         raise
@@ -162,12 +182,33 @@ def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
             shutil.copyfile(fetched, scratch)
 
 
-def _checked_digest(model: PublishedModel, path: Path) -> str:
-    """SHA-256 of a file; UserError if it is not the published one."""
+def _fill_cache(model: PublishedModel) -> None:
+    """Put a file that is not there into the cache of ``huggingface_hub``, which itself begins anew after an interruption."""
+    from huggingface_hub import constants
+    from huggingface_hub.file_download import http_get, repo_folder_name
+    from huggingface_hub.utils import build_hf_headers
+
+    if not ((found := _find_on_hub(model)) and found.etag):
+        return  # hf_hub_download takes it, or tells what is wrong with the server
+    folder = repo_folder_name(repo_id=model.repository, repo_type="model")
+    blob = Path(constants.HF_HUB_CACHE, folder, "blobs", found.etag)
+    # A token is for the hub alone, not for the servers behind it.
+    headers = build_hf_headers() if found.location.startswith(hub()) else None
+    with alone(blob.parent, f"the download of {model.file}"):
+        if not blob.exists():
+            part = blob.with_suffix(".egosplat.incomplete")
+            with open(part, "ab") as file:
+                http_get(
+                    found.location, file, resume_size=file.tell(), headers=headers, expected_size=found.size
+                )
+            part.rename(blob)
+
+
+def _check_digest(published: str | None, path: Path) -> None:
+    """UserError if a file has not the published digest, where one is known."""
     digest = content_hash(path)
-    if model.sha256 not in (None, digest):
+    if published not in (None, digest):
         raise UserError(
-            f"{path}: has SHA-256 {digest}, published is {model.sha256}: it is damaged, or another file.\n"
+            f"{path}: has SHA-256 {digest}, published is {published}: it is damaged, or another file.\n"
             "Remove it and start the command again, or give its key another name"
         )
-    return digest

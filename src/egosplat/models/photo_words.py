@@ -32,9 +32,6 @@ TEMPERATURE = 0.1
 # The input of EfficientNet-Lite2, whose values are from -1 to 1.
 INPUT = Preprocessing((260, 260), (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), "bicubic")
 
-# Names of classes that are encoded at a time.
-_BATCH = 64
-
 # Pictures that a processor encodes at a time. The features of more exceed 32 MB, which malloc asks of the system anew for
 # each layer: half of the time went into page faults.
 _PICTURES = 4
@@ -168,17 +165,10 @@ class PhotoWords(nn.Module):
 
     def encode_text(self, tokens: Tensor) -> Tensor:
         """(N, C) float32 square roots of the classes' shares in (N, T) tokens of phrases."""
-        cosines = self.sentences(tokens).float() @ self._class_features(tokens.device).T
-        return (cosines / TEMPERATURE).softmax(dim=-1).sqrt()
-
-    def _class_features(self, device: torch.device) -> Tensor:
-        """(C, F) float32 features of the classes' names, made when a phrase first needs them."""
         if self._classes is None:
-            parts = [self._names[begin : begin + _BATCH] for begin in range(0, len(self._names), _BATCH)]
-            self._classes = torch.cat(
-                [self.sentences(self._tokenizer(part).to(device)).float() for part in parts]
-            )
-        return self._classes
+            self._classes = self.sentences(self._tokenizer(self._names).to(tokens.device)).float()
+        cosines = self.sentences(tokens).float() @ self._classes.T
+        return (cosines / TEMPERATURE).softmax(dim=-1).sqrt()
 
 
 def load_photo_words(device: str, precision: str) -> OpenClip:

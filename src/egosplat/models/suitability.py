@@ -7,23 +7,20 @@ from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact
 from egosplat.models.checkpoints import CLIP, PHOTOS, SAM2, SMALL
 
-_FETCH = "Set models.set to published, and fetch the checkpoints with egosplat models download"
+_FETCH = "Set models.set to light, and fetch the checkpoints with egosplat models download --config models.set=light"
 
 # The warning in the label of a table's row.
 BRIEF = "trained on synthetic apartments only"
 
 
-def notice(origin: str, checkpoints: Mapping[str, str], *, aria: bool = False) -> str | None:
+def notice(origin: str, checkpoints: Mapping[str, str]) -> str | None:
     """One line of warning and advice if checkpoints, by key of the configuration's section ``models``, do not suit a recording
-    of an ``origin``, ``real`` or ``synthetic``, which Aria glasses may have filmed; else None."""
+    of an ``origin``, ``real`` or ``synthetic``; else None."""
     if origin != "real":
         return None
     if PHOTOS in checkpoints.values():
-        if aria:
-            told = "names hardly anything in the dark pictures of Aria glasses: answers are unreliable"
-            return f"models.set photos {told}. {_FETCH}"
-        told = "words are matched through ImageNet's 1,000 classes, and masks come from the small SAM2"
-        return f"models.set photos: {told}, which was {BRIEF}. {_FETCH}, for better answers"
+        told = "names ImageNet's 1,000 classes, hardly any in the dark pictures of Aria glasses"
+        return f"models.set photos {told}; its masks come from the small SAM2, which was {BRIEF}. {_FETCH}"
     small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value == SMALL]
     told = (
         f"the small checkpoints ({', '.join(small)}) were {BRIEF}: results on a real recording are unreliable"
@@ -39,9 +36,7 @@ def notice_of_artifacts(artifacts: Iterable[Artifact]) -> str | None:
         checkpoints |= {key: artifact.provenance["options"][key] for key in artifact.provenance["models"]}
         if "clip" in artifact.facts:  # features.zarr has it, in case view_features.zarr is deleted
             checkpoints[CLIP.checkpoint_key] = artifact.facts["clip"]["checkpoint"]
-    # Aria glasses alone have a device frame.
-    aria = any(artifact.facts.get("device_from_camera") is not None for artifact in artifacts)
-    return notice(joint_origin(artifacts), checkpoints, aria=aria)
+    return notice(joint_origin(artifacts), checkpoints)
 
 
 def configured_checkpoints(config: Mapping[str, Any]) -> dict[str, str]:

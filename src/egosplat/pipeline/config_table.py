@@ -7,7 +7,7 @@ from typing import Any
 from egosplat.pipeline.config import section_keys, section_options
 from egosplat.pipeline.general_options import GeneralOptions
 from egosplat.pipeline.messages import choices, kinds_of, limits_of, shown
-from egosplat.pipeline.model_sets import DEFAULTS, PHOTOS, PUBLISHED
+from egosplat.pipeline.model_sets import DEFAULTS, LIGHT, PHOTOS, PUBLISHED
 from egosplat.pipeline.options import keys_of
 
 # Keys that people change first, at the top of the page.
@@ -24,7 +24,7 @@ _HEAD = """# All configuration keys
 `egosplat keys > config/reference.md` writes this page from the options of the stages (`options.py` in each folder of `src/egosplat/`).
 [README.md](README.md) has recipes and the order in which values are searched. A changed key reruns the stages that take it and the
 stages after them. By hand: `egosplat splats --set iterations=500 ...`. A default after
-"photos" or "published" holds with that `models.set`."""
+"photos", "light" or "published" holds with that `models.set`."""
 
 _READINGS = """# Readings of the paper
 
@@ -77,7 +77,7 @@ def _row(link: str, section: str, name: str, key: dict[str, Any]) -> str:
     # The default as YAML, and those of other sets of models; for several named things, the names.
     value = key["default"]
     default = ", ".join(f"`{item}`" for item in (value if isinstance(value, dict) else [shown(value)]))
-    for chosen in (PHOTOS, PUBLISHED):
+    for chosen in (PHOTOS, LIGHT, PUBLISHED):
         other = DEFAULTS[chosen].get(section, {}).get(name, value)
         default += "" if other == value else f"; {chosen}: `{shown(other)}`"
     return f"| {link} | {default} | {allowed} | {text} |"

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from egosplat.errors import UserError, without_secrets
 
-# The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages; the paper's. The last is
-# also the value of a checkpoint's key that stands for the published checkpoint of the configured architecture.
-AUTO, SMALL, PHOTOS, PUBLISHED = "auto", "small", "photos", "published"
+# The sets: egosplat chooses; bundled, for its apartments; words for photographs, from Python packages; fast published ones; the
+# paper's. The last is also the value of a checkpoint's key that stands for the published checkpoint of the configured architecture.
+AUTO, SMALL, PHOTOS, LIGHT, PUBLISHED = "auto", "small", "photos", "light", "published"
 
 _OF_SMALL: dict[str, dict[str, Any]] = {
     "models": dict.fromkeys(("sam2_config", "sam2_checkpoint", "clip_model", "clip_checkpoint"), SMALL),
@@ -38,6 +38,12 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
         "transient": {"encoder_weights": PUBLISHED},
         "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0, "name_weight": 0.0},
     },
+}
+# Fast published models for recordings; a crop would take SAM2 as long as a frame (docs/models.md#light).
+DEFAULTS[LIGHT] = DEFAULTS[PUBLISHED] | {
+    "models": DEFAULTS[PUBLISHED]["models"] | {"sam2_config": "sam2.1_hiera_t", "clip_model": "ViT-B-32-256"},
+    "segments": {"image_size": None, "crops_per_side": 1},
+    "transient": {"encoder_weights": None},
 }
 
 # The library of each key that takes ``published``.

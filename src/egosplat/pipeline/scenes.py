@@ -56,6 +56,7 @@ class Scene:
     synthetic: bool  # whether egosplat makes the recording
     config: LayeredConfig  # complete, including the row's own keys
     by_name: bool = False  # whether only a target that names the scene makes it
+    rendered: bool = False  # whether egosplat made the recording, or makes it
 
     @property
     def name(self) -> str:
@@ -153,8 +154,9 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     return [(number, dict(zip(columns, row, strict=True))) for number, row in rows]
 
 
-def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str) -> Scene:
-    """Make the scene of a row, its values by column (UserError: a value is wrong; begins with ``where``)."""
+def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str, real: str = PHOTOS) -> Scene:
+    """Make the scene of a row, its values by column (UserError: a value is wrong; begins with ``where``); ``real`` is the set of
+    models of a real recording for which nothing chooses one."""
     make_options(Row, row, where, "")
     dataset, name, format = row["dataset"], row["scene"], row["format"]
     options = parse_options(row["options"], where)
@@ -174,6 +176,6 @@ def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str) -> Scen
     except UserError:
         rendered = False  # the stage frames reports what is wrong with the recording
     # The small models know only what egosplat renders.
-    own = of_format(config, format, Layer(where, options), automatic=SMALL if rendered else PHOTOS)
+    own = of_format(config, format, Layer(where, options), automatic=SMALL if rendered else real)
     locate_checkpoints(own)  # ends here if the catalogue has no checkpoint of an architecture
-    return Scene(dataset, name, format, recording, synthetic, own, by_name)
+    return Scene(dataset, name, format, recording, synthetic, own, by_name, rendered)

@@ -47,11 +47,12 @@ class RunOptions(SeedOptions, BackendOptions, DeviceOptions, NearPlaneOptions):
 class SetOptions(Options, section="models"):
     """The set of models."""
 
-    set: Literal["auto", "small", "photos", "published"] = "auto"
+    set: Literal["auto", "small", "photos", "light", "published"] = "auto"
     """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
-    ImageNet's classes for photographs), published (the paper's SAM2, OpenCLIP and encoder of the transient network;
-    egosplat models download fetches them), or auto: small for egosplat's apartments, photos for recordings (a stage by
-    hand: small). Keys whose best value depends on the model have a default for each set, and so have the filters of
+    ImageNet's classes for photographs), light (SAM2.1 tiny and a fast OpenCLIP, which egosplat run fetches), published
+    (the paper's SAM2, OpenCLIP and encoder of the transient network; egosplat models download fetches them), or auto:
+    small for egosplat's apartments, photos for recordings, for which egosplat run chooses light (a stage by hand:
+    small). Keys whose best value depends on the model have a default for each set, and so have the filters of
     SAM2's masks (docs/models.md); a key that you set yourself wins."""
 
 

@@ -16,14 +16,13 @@ from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Array, Camera, transform
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
-from egosplat.language.rendering import render_codes
 from egosplat.query.answers import Thing, ViewMatch
 from egosplat.query.maps import Maps, Mask, innermost, localize, majority, read_maps, resize_shown, segment
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.scene import QueryScene, Viewpoint, rendering_camera
 from egosplat.query.text import Texts
-from egosplat.rasterize.view import composite
+from egosplat.rasterize.view import composite, render_codes
 
 # A pixel belongs to a thing if the thing's Gaussians make up more than this share of it.
 _HALF = 0.5

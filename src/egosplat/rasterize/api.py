@@ -1,5 +1,6 @@
-"""Render 3D Gaussians with the backend that suits the tensors."""
+"""Render 3D Gaussians with the backend that suits the tensors, and choose device and backend for training."""
 
+import importlib.util
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -7,8 +8,10 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from egosplat.errors import UserError
 from egosplat.progress import log
 from egosplat.rasterize.contract import Arguments, Render, check
+from egosplat.rasterize.cuda import load_gsplat
 from egosplat.rasterize.kernels import library
 
 BACKENDS = ("auto", "cuda", "cpu", "reference")
@@ -101,3 +104,29 @@ def _choose(means: Tensor) -> str:
 @cache
 def _warn_slow(why_not: str) -> None:
     log(f"warning: rendering in plain PyTorch, which is slow. Compiled kernels: {why_not}")
+
+
+def training_device(backend: str) -> torch.device:
+    """Return the device for a rasterization backend. gsplat is loaded here, before a stage reads anything.
+    ``auto`` selects the GPU if there is one and gsplat loads; if it does not load, the reason is logged.
+    UserError: the backend is ``cuda``, and the GPU or its gsplat cannot run on this machine."""
+    if backend == "cuda":
+        load_gsplat()
+        return torch.device("cuda")
+    # A GPU without gsplat cannot render.
+    if backend == "auto" and torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None:
+        try:
+            load_gsplat()
+            return torch.device("cuda")
+        except UserError as error:
+            log(f"rendering on the CPU, which is slow. {error}")
+    return torch.device("cpu")
+
+
+def rasterizer_used(backend: str, device: torch.device) -> str:
+    """Name the rasterizer for the artifact: ``cuda``, ``cpu`` with the kernel variant, or ``reference``."""
+    if device.type == "cuda":
+        return f"cuda ({torch.cuda.get_device_name(device)})"
+    if backend == "reference" or not library.is_compiled():
+        return "reference"
+    return f"cpu ({library.variant()})"

@@ -12,6 +12,9 @@ from egosplat.rasterize import api, cpu
 from egosplat.rasterize.contract import Arguments, Render, check
 from egosplat.rasterize.kernels import lookups
 
+# Below this coverage a pixel has code 0.
+_LEAST_COVERAGE = 1e-6
+
 
 @dataclass(frozen=True, eq=False)
 class View(Arguments):
@@ -52,6 +55,22 @@ def composite(view: View, values: Tensor) -> tuple[Tensor, Tensor]:
     """
     images, alphas, _ = render(replace(view, colors=values))
     return images[0], alphas[0, ..., 0]
+
+
+def render_codes(view: View, code: Tensor, share: Tensor) -> tuple[Tensor, Tensor]:
+    """Composite, weighted by share, (N, L, C) codes and (N, L) shares of language.zarr. (L, H, W, C) float32 weighted means, 0 where the coverage is 0; and (L, H,
+    W) float32 coverage in [0, 1], accumulated compositing weight times share."""
+    count, levels, channels = code.shape
+    # A Gaussian counts by compositing weight times share: without labeled pixels it has no influence.
+    values = torch.cat([(code * share[..., None]).reshape(count, -1), share], dim=1)
+    image, _ = composite(view, values)
+    sums, coverage = image.split([levels * channels, levels], dim=-1)
+    sums = sums.unflatten(-1, (levels, channels)).movedim(-2, 0)
+    coverage = coverage.movedim(-1, 0)
+    # Decoders have biases, so the sum must be divided by its weight before it is decoded (docs/method.md#code-weight).
+    covered = (coverage > _LEAST_COVERAGE)[..., None]
+    codes = torch.where(covered, sums / coverage.clamp(min=_LEAST_COVERAGE)[..., None], 0.0)
+    return codes, coverage
 
 
 def sum_over_pixels(view: View, image: Tensor) -> Tensor:

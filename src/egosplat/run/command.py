@@ -16,10 +16,10 @@ from egosplat.calibration.files import AUTO
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import alone, read_user_text, write_text
-from egosplat.models.checkpoints import FETCH
-from egosplat.models.needed import find_needed
-from egosplat.pipeline.config import LayeredConfig
+from egosplat.models.needed import download, find_needed, why_unreachable
+from egosplat.pipeline.config import LayeredConfig, parse_options
 from egosplat.pipeline.home import SNAKEFILE, find_home
+from egosplat.pipeline.model_sets import LIGHT, PHOTOS
 from egosplat.pipeline.process_guards import STARTED_BY
 from egosplat.pipeline.scenes import Scene, local_table, read_rows, scene_of_row, tables_of
 from egosplat.pipeline.stages import STAGES
@@ -50,18 +50,21 @@ def make_scene(
     given = dict(pair.split("=", 1) for pair in options)
     unpacked = Path("results") / dataset / scene_name / "recording"
     found = read_source(source, unpacked, given.get("frames.known_poses", AUTO))
-    keys = " ".join(f"{key}={value}" for key, value in {**found.options, **given}.items())
+    keys = {**found.options, **given}
     row = {"dataset": dataset, "scene": scene_name, "format": found.format, "recording": str(found.path)}
+    row["options"] = " ".join(f"{key}={value}" for key, value in keys.items())
     # Before the row changes.
     with alone(unpacked.parent, f"{dataset}/{scene_name}"):
-        scene = put_row(config, row | {"options": keys})
-        # Their step would tell it only after those before it.
-        for file in find_needed([scene.config]):
-            if file.missing:
-                raise UserError(f"{scene.name}: {file.key}: there is no file {file.path}.\n{FETCH}")
+        keys |= choose_set(config, row, "models.set" in keys)
+        row["options"] = " ".join(f"{key}={value}" for key, value in keys.items())
+        scene = put_row(config, row)
+        # Their step would tell what is missing only after those before it.
+        download([file for file in find_needed([scene.config]) if file.missing])
         stride = scene.config["frames"]["stride"]
         taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
-        log(f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}")
+        log(
+            f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}, models {scene.config['models']['set']}"
+        )
         words = ["snakemake", "--cores", str(cores or len(os.sched_getaffinity(0)))]
         if (workflow := find_home(SNAKEFILE)) != SNAKEFILE:
             words[1:1] = ["--snakefile", str(workflow)]
@@ -121,22 +124,46 @@ def split_name(name: str) -> tuple[str, str]:
     return found[1] or "mine", found[2]
 
 
+def choose_set(config: LayeredConfig, row: dict[str, str], anew: bool) -> dict[str, str]:
+    """Get ``models.set`` for the row of a real recording whose models nothing chooses; else nothing.
+
+    It is that of the earlier row, so that the network changes no scene; of a new one, or ``anew``, the published models, or the
+    bundled ones if the hub does not answer.
+    """
+    usual, light = (scene_of_row(row, config, row["scene"], real) for real in (PHOTOS, LIGHT))
+    if usual.config["models"] == light.config["models"]:
+        return {}
+    for table, other in () if anew else _rows_of(config, light):
+        # Rows without one are of older versions.
+        return {
+            "models.set": parse_options(other["options"], str(table)).get("models", {}).get("set", PHOTOS)
+        }
+    if why := why_unreachable(find_needed([light.config])):
+        log(f"the bundled models serve, which know less. For others: --set models.set=light ({why})")
+    return {"models.set": PHOTOS if why else LIGHT}
+
+
+def _rows_of(config: LayeredConfig, scene: Scene) -> list[tuple[Path, dict[str, str]]]:
+    """The rows that the tables have for a scene, each with its table."""
+    tables, key = filter(Path.exists, tables_of(config)), (scene.dataset, scene.scene)
+    rows = ((table, row) for table in tables for _, row in read_rows(table))
+    return [(table, row) for table, row in rows if (row["dataset"], row["scene"]) == key]
+
+
 # The local table of scenes, which git ignores, has one row for each recording that was given.
 def put_row(config: LayeredConfig, row: Mapping[str, str]) -> Scene:
     """Write a scene's row into the local table, in place of that of the same recording (UserError: a key is wrong, or another
     recording has the name, which in the local table one that is gone frees)."""
     scene = scene_of_row(dict(row), config, f"{row['dataset']}/{row['scene']}")
     path = local_table(config)
-    for table in filter(Path.exists, tables_of(config)):
-        for _, other in read_rows(table):
-            recording = Path(other["recording"])
-            freed = recording.resolve() == scene.recording.resolve() or not recording.exists()
-            named = (other["dataset"], other["scene"]) == (scene.dataset, scene.scene)
-            if named and not (freed and table == path):
-                raise UserError(
-                    f"{scene.name}: is in {table} already, with the recording {recording}; give this one another name, "
-                    f"as in --name {scene.name}2"
-                )
+    for table, other in _rows_of(config, scene):
+        recording = Path(other["recording"])
+        freed = recording.resolve() == scene.recording.resolve() or not recording.exists()
+        if not (freed and table == path):
+            raise UserError(
+                f"{scene.name}: is in {table} already, with the recording {recording}; give this one another name, "
+                f"as in --name {scene.name}2"
+            )
     lines = read_user_text(path).splitlines() if path.exists() else ["\t".join(row)]
     own = f"{scene.dataset}\t{scene.scene}\t"
     kept = [line for line in lines if not line.startswith(own)]

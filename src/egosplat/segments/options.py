@@ -48,7 +48,7 @@ class MaskFilter:
 # By models.set.
 MASK_FILTERS = {
     **dict.fromkeys(("auto", "small", "photos"), MaskFilter(0.3, 0.7, 0.1, 0.2)),
-    "published": MaskFilter(0.7, 0.85, 1.0, 0.7),
+    **dict.fromkeys(("light", "published"), MaskFilter(0.7, 0.85, 1.0, 0.7)),
 }
 
 
@@ -96,6 +96,11 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     def key_frames(self, training: NDArray[np.intp]) -> NDArray[np.intp]:
         """Those of (N,) training frames that are segmented by themselves."""
         return training[:: max(1, min(self.key_frame_stride, len(training) // _MIN_KEY_FRAMES))]
+
+    @property
+    def track_side(self) -> int | None:
+        """Side to which SAM2 resizes frames where it tracks what moves; None for its own. Without a GPU, 1024 takes ten times as long."""
+        return 512 if self.set == "light" else None
 
     @property
     def mask_filter(self) -> MaskFilter:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from egosplat.models.image_encoder import EncodedImage
-from egosplat.models.point_decoder import PointDecoder
+from egosplat.models.point_decoder import EncodedImage, PointDecoder
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.masks import Candidates, areas, join, stability_score
 from egosplat.segments.options import MaskFilter, SegmentsOptions

@@ -13,7 +13,7 @@ from sam2.modeling.sam2_base import NO_OBJ_SCORE
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import State
-from egosplat.models.image_encoder import EncodedImage
+from egosplat.models.point_decoder import EncodedImage
 from egosplat.models.sam2_loader import Sam2
 from egosplat.models.video_predictor import fill_holes
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import State
-from egosplat.models.image_encoder import encode
+from egosplat.models.point_decoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments.masks import Candidates, drop_covered, filter_masks, join, paint
 from egosplat.segments.options import LEVELS, SegmentsOptions

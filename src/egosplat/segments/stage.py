@@ -131,7 +131,8 @@ def _segment_with_sam2(
     if transient is None:
         return segmented
     probability = lambda place: transient.row("probability", int(rows[place]))
-    return add_tracks(segmented, track_moving(sam2, video, options, probability, training, tracks))
+    with sam2.at_side(options.track_side):
+        return add_tracks(segmented, track_moving(sam2, video, options, probability, training, tracks))
 
 
 def _put_labels(

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint, State, UnusableState
 from egosplat.images import resize_labels
-from egosplat.models.image_encoder import encode
+from egosplat.models.point_decoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.progress import log, track
 from egosplat.segments.masks import Candidates, areas, drop_covered, filter_masks, paint

@@ -34,7 +34,6 @@ from egosplat.gaussians.corrections import (
     corrected_poses,
     resolve_camera,
 )
-from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.evaluation import Scores, evaluate
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import scene_extent
@@ -47,6 +46,7 @@ from egosplat.gaussians.training_views import Mask, Masking, Views, open_masking
 from egosplat.language.targets import CodeTargets, JointLanguage
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
+from egosplat.rasterize.api import rasterizer_used, training_device
 from egosplat.splats.imported import import_gaussians
 from egosplat.splats.options import SplatsOptions
 

@@ -16,13 +16,13 @@ from egosplat.artifacts.schemas import FRAMES, POSES, TRANSIENT, lies_on_its_sid
 from egosplat.artifacts.writer import Writer, create
 from egosplat.files import expand_home
 from egosplat.gaussians.corrections import resolve_camera
-from egosplat.gaussians.device import rasterizer_used, training_device
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import begin, train_alone
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import NOTICE, log, track
+from egosplat.rasterize.api import rasterizer_used, training_device
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective
 from egosplat.transient.options import TEMPORARY, TransientOptions

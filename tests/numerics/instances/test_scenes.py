@@ -12,8 +12,8 @@ from egosplat.instances import geometry
 from egosplat.instances.lifted_masks import lift_masks
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs
-from tests.support.blobs import blobs
 from tests.support.scenes import sideways
+from tests.support.splats import blobs
 from tests.unit.instances.conftest import CAMERA, FRAMES, SIZE, camera_positions, options
 from tests.unit.instances.test_stage import agreement
 from tests.unit.instances.test_stage import run as merge

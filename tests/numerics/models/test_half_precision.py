@@ -5,9 +5,8 @@ import pytest
 import torch
 
 from egosplat.features.crops import encode as encode_crops
-from egosplat.models.image_encoder import encode
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.models.point_decoder import PointDecoder
+from egosplat.models.point_decoder import PointDecoder, encode
 from egosplat.models.sam2_loader import load_sam2
 from egosplat.query.text import encode_phrases
 

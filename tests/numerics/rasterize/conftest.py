@@ -13,7 +13,7 @@ from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.reference import rasterizer as reference
-from tests.support.undecided import undecided
+from tests.support.splats import undecided
 
 WIDTH, HEIGHT = 32, 24
 SHAPE = ("means", "quats", "scales", "opacities", "colors")

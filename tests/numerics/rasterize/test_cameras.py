@@ -14,7 +14,7 @@ from egosplat.rasterize import cpu
 from egosplat.rasterize.api import rasterization
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference import rasterizer as reference
-from tests.support.undecided import undecided
+from tests.support.splats import undecided
 
 NEAR = 0.1
 

@@ -11,7 +11,7 @@ from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference.projection import project
 from egosplat.rasterize.reference.rasterizer import composite
 from tests.numerics.rasterize.conftest import weights_of
-from tests.support.undecided import undecided
+from tests.support.splats import undecided
 
 LARGE, WINDOW = 4096, 24
 CORNERS = [(0, 0), (LARGE - WINDOW, LARGE - WINDOW), (2036, 2040), (0, LARGE - WINDOW)]

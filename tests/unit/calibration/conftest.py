@@ -10,7 +10,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from tests.support.models import synthesized
+from tests.support.recordings import synthesized
 
 WIDTH, HEIGHT = 64, 48
 NAMES = [f"{number}.png" for number in range(1, 7)]

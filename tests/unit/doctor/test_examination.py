@@ -118,7 +118,7 @@ def test_small_checkpoints_are_noted_for_each_real_scene(folder):
     findings = found(small)
     for scene in ("mine/a", "mine/b"):
         assert findings[scene].mark == Mark.NOTE and "models.clip_checkpoint" in findings[scene].value
-        assert "models.set to published" in findings[scene].advice
+        assert "models.set to light" in findings[scene].advice
     assert "adt/s1" not in findings
     (folder / "b.mp4").unlink()
     assert "mine/b" not in found(small)
@@ -130,7 +130,7 @@ def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, 
     assert findings["OpenCLIP"].value.startswith("small, ")
     assert "OpenCLIP, adt/s1" not in findings and "OpenCLIP, mine/b" not in findings, "each model once"
     assert findings["OpenCLIP, mine/a"].value.startswith("photos, ")
-    assert "models.set photos" in findings["mine/a"].value and "to published" in findings["mine/a"].advice
+    assert "models.set photos" in findings["mine/a"].value and "to light" in findings["mine/a"].advice
     spec = importlib.util.find_spec
     hidden = PHOTO_WEIGHTS.module
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == hidden else spec(name))

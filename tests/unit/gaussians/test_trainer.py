@@ -9,13 +9,13 @@ import torch
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
-from egosplat.gaussians import device
-from egosplat.gaussians.device import training_device
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.gaussians.schedule import STOCK, TrainingOptions
 from egosplat.gaussians.trainer import TrainingState, resume_and_train
+from egosplat.rasterize import api as device
+from egosplat.rasterize.api import training_device
 from tests.support.gaussian_scene import SETTINGS, views_of
 
 OPTIONS = TrainingOptions(render=SETTINGS, iterations=60, max_gaussians=80, evaluate_every=20, seed=3)

@@ -16,10 +16,10 @@ from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene, Viewpoint
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
-from tests.support.blobs import blobs
 from tests.support.gaussian_scene import SETTINGS
 from tests.support.page_scene import put_histories
 from tests.support.sightings import make_rests
+from tests.support.splats import blobs
 
 CAMERA, EYE = Camera(64, 48, 60.0, 60.0, 32.0, 24.0), np.eye(4)
 TEXTS = Texts(("wall", "cup"), torch.eye(4)[:2], torch.eye(4)[2:3])

@@ -12,8 +12,8 @@ from egosplat.instances.lifted_masks import LiftedMasks, lift_masks
 from egosplat.instances.rendering import LEAST_BELIEF, render_things
 from egosplat.instances.scene import first_of_largest
 from egosplat.rasterize.view import composite
-from tests.support.blobs import blobs
 from tests.support.gaussian_scene import SETTINGS
+from tests.support.splats import blobs
 
 CAMERA = Camera(32, 24, 30.0, 30.0, 16.0, 12.0)
 LEFT, RIGHT, WHOLE = 3, 5, 9

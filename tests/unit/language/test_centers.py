@@ -10,8 +10,8 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.language.centers import look_at_centers, median_depths
 from egosplat.rasterize.view import View, own_weights, pixel_lists
-from tests.support.blobs import blobs, crowd
 from tests.support.gaussian_scene import SETTINGS
+from tests.support.splats import blobs, crowd
 
 CAMERA = Camera(60, 40, 50.0, 50.0, 30.0, 20.0)
 

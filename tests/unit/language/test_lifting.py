@@ -11,8 +11,7 @@ from egosplat.language import dominant as module
 from egosplat.language.centers import project_centers
 from egosplat.language.dominant import lift_instances, sum_votes
 from egosplat.language.lifting import lift
-from egosplat.language.rendering import render_codes
-from egosplat.rasterize.view import composite
+from egosplat.rasterize.view import composite, render_codes
 from tests.support.gaussian_scene import SETTINGS
 from tests.support.scenes import LEVELS
 from tests.unit.language.conftest import CAMERA, CODES, HELD_OUT

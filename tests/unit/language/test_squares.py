@@ -17,7 +17,6 @@ from egosplat.gaussians.training_views import Masking
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
-from egosplat.language.rendering import render_codes
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults, stage_values
@@ -27,6 +26,7 @@ from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene, Viewpoint
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
+from egosplat.rasterize.view import render_codes
 from egosplat_rivals import loop
 from egosplat_rivals.tile_views import TileViews, pyramid
 from tests.support.gaussian_scene import SETTINGS, opaque

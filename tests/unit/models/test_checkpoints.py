@@ -1,9 +1,11 @@
-"""Checkpoints and files of architectures are found or reported missing, and their hash follows their content."""
+"""Checkpoints and files of architectures are found or reported missing, their hash follows their content, and a notice is given exactly if
+small ones are used on a real recording."""
 
 import hashlib
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -20,6 +22,7 @@ from egosplat.models.checkpoints import (
     sam2_config_file,
     sam2_configs,
 )
+from egosplat.models.suitability import configured_checkpoints, notice, notice_of_artifacts
 from egosplat.pipeline.config import resolve
 from tests.support import PRESETS
 
@@ -122,3 +125,51 @@ def test_a_folder_describes_an_open_clip_model_and_its_own_names_need_none(tiny_
 def test_an_unknown_architecture_is_reported(find, given, message):
     with pytest.raises(UserError, match=message):
         find(given)
+
+
+BOTH = {"sam2_checkpoint": "small", "clip_checkpoint": "small"}
+HALF = {"sam2_checkpoint": "small", "clip_checkpoint": "clip.bin"}
+WORDS = {"sam2_checkpoint": "small", "clip_checkpoint": "photos"}
+
+
+def artifact(origin: str, models: dict[str, str], **facts):
+    """A stand-in for an artifact with an origin, and the checkpoints of its provenance."""
+    made = {"options": models, "models": dict.fromkeys(models, "c0de")}
+    return SimpleNamespace(origin=origin, provenance=made, facts=facts)
+
+
+@pytest.mark.parametrize(
+    "origin, checkpoints, said",
+    [
+        ("real", BOTH, ["apartments only", "sam2_checkpoint", "clip_checkpoint", "to light"]),
+        ("real", HALF, ["models.sam2_checkpoint", "egosplat models download --config models.set=light"]),
+        # Words for photographs know the classes of ImageNet; none of them suits Aria glasses.
+        ("real", WORDS, ["models.set photos", "ImageNet", "Aria", "to light"]),
+        ("real", {"sam2_checkpoint": "sam2.pt", "clip_checkpoint": "clip.bin"}, []),
+        ("real", {}, []),
+        ("synthetic", BOTH, []),
+        ("synthetic", WORDS, []),
+    ],
+)
+def test_models_that_do_not_suit_the_recording_are_reported_with_what_to_do(origin, checkpoints, said):
+    told = notice(origin, checkpoints)
+    assert (told is None) == (not said) and "\n" not in (told or "")
+    assert all(words in (told or "") for words in said)
+    assert checkpoints is not HALF or "clip" not in told
+
+
+def test_artifacts_are_reported_by_their_provenance():
+    segments = artifact("real", {"sam2_checkpoint": "small"})
+    frames = artifact("real", {})
+    assert notice_of_artifacts([frames]) is None
+    assert notice_of_artifacts([frames, segments]) == notice("real", {"sam2_checkpoint": "small"})
+    features = artifact("real", {}, clip={"checkpoint": "small"})
+    assert notice_of_artifacts([frames, segments, features]) == notice("real", BOTH)
+    assert notice_of_artifacts([artifact("synthetic", {}), segments]) is None
+
+
+def test_sam2_counts_only_where_it_segments():
+    config = {"models": BOTH, "segments": {"segmenter": "sam2"}}
+    assert configured_checkpoints(config) == BOTH
+    config["segments"]["segmenter"] = "classical"
+    assert configured_checkpoints(config) == {"clip_checkpoint": "small"}

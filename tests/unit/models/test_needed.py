@@ -1,7 +1,8 @@
-"""``egosplat models`` lists what a configuration needs, and ``egosplat models download`` fetches it."""
+"""What a configuration needs is listed and fetched; a run chooses for who chooses nothing."""
 
 import hashlib
 import os
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,14 @@ from egosplat.cli import cli
 from egosplat.errors import UserError
 from egosplat.models import needed
 from egosplat.pipeline import model_sets
+from egosplat.run import command
 from tests.support.hub import Hub
+from tests.unit.run.conftest import write_pictures
 
 CONTENT = b"weights " * 100_000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
+TABLE = Path("config/scenes.local.tsv")
+LIGHT = {"sam2.1_hiera_tiny.pt", "ViT-B-32-256.datacomp_s34b_b86k.bin"}
 FILES = (
     "sam2.1_hiera_base_plus.pt",
     "ViT-B-16.laion2b_s34b_b88k.bin",
@@ -24,13 +29,27 @@ FILES = (
 
 @pytest.fixture
 def server(tmp_path, monkeypatch):
-    """A hub that has every file of the catalogue, with one content; of the last, no digest is published."""
-    entries = [one._replace(sha256=SHA256) for one in model_sets.CATALOGUE]
+    """A hub that has every file of the catalogue, with one content; of some, the last too, no digest is published."""
+    entries = [one._replace(sha256=one.sha256 and SHA256) for one in model_sets.CATALOGUE]
     entries[-1] = entries[-1]._replace(sha256=None)
     monkeypatch.setattr(model_sets, "CATALOGUE", tuple(entries))
     monkeypatch.setattr(needed, "CATALOGUE", tuple(entries))
     with Hub(CONTENT, monkeypatch, tmp_path / "hub") as running:
         yield running
+
+
+@pytest.fixture
+def make(folder, server, monkeypatch):
+    """Make a scene of photographs, in which Snakemake does nothing, and get its set of models, which its row keeps."""
+    write_pictures(folder / "photos")
+    monkeypatch.setattr(command, "run_snakemake", lambda words: 0)
+
+    def made(*options: str) -> str:
+        found = command.make_scene(folder / "photos", options=options).config["models"]["set"]
+        assert f"models.set={found}" in TABLE.read_text()
+        return found
+
+    return made
 
 
 def address(file: str) -> str:
@@ -67,7 +86,7 @@ def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server
     options = ("--config", "models={set: published, cache: cache}")
     for words in (("download", *options), (*options, "download")):
         fetched = egosplat(*words)
-        assert f"{FILES[0]}: already there, SHA-256 as published ({SHA256})" in fetched
+        assert f"{FILES[0]}: there, SHA-256 verified" in fetched
     assert server.requests == [address(file) for file in FILES[1:]]
     for file in FILES:
         assert (folder / "cache" / file).read_bytes() == CONTENT
@@ -78,19 +97,23 @@ def test_a_download_fetches_what_is_missing_and_verifies_the_rest(folder, server
 
 
 def test_a_file_in_the_users_own_cache_is_not_fetched_again(folder, server):
-    assert f"fetched, SHA-256 {SHA256} (none is published)" in egosplat("download", "mobilenetv3_small_050")
+    told = egosplat("download", "mobilenetv3_small_050")
+    assert "none is published" in told and SHA256 in told
     assert "/resolve/f58e7345afe2832abd6f81cc60f67cd1ddf7ce00/" in server.requests[0]
     (folder / "checkpoints" / FILES[2]).unlink()
-    assert "fetched" in egosplat("download", "mobilenetv3_small_050") and len(server.requests) == 1
+    assert "Nothing is missing" in egosplat("download", "mobilenetv3_small_050") and len(server.requests) == 1
 
 
 def test_a_file_with_another_digest_is_not_kept(folder, server):
-    server.content = b"another"
-    with pytest.raises(UserError, match=f"has SHA-256 .*published is {SHA256}"):
-        egosplat("download", "ViT-B-16")
-    assert not (folder / "checkpoints").exists()
-    server.content = CONTENT
-    assert "fetched" in egosplat("download", "ViT-B-16")
+    """Of the second none is published; the hub tells it as the tag of the file."""
+    tag = {"ETag": f'"{"0" * 64}"'}
+    for name, content, headers in (("ViT-B-16", b"another", {}), ("mobilenetv3_small_050", CONTENT, tag)):
+        server.content, server.headers = content, headers
+        with pytest.raises(UserError, match="has SHA-256 .*published is "):
+            egosplat("download", name)
+        assert not (folder / "checkpoints").exists()
+    server.content, server.headers = CONTENT, {}
+    assert "SHA-256 verified" in egosplat("download", "ViT-B-16")
 
 
 @pytest.mark.parametrize(
@@ -142,13 +165,15 @@ def test_offline_the_addresses_are_listed(folder, server):
 
 
 def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
-    assert "sam2.1_hiera_large.pt: fetched" in egosplat("download", "sam2.1_hiera_l", "ViT-B-16-quickgelu")
+    assert "sam2.1_hiera_large.pt: there, SHA-256 verified" in egosplat(
+        "download", "sam2.1_hiera_l", "ViT-B-16-quickgelu"
+    )
     assert server.requests == [address("sam2.1_hiera_large.pt"), address("ViT-B-16-quickgelu.dfn2b.bin")]
     with pytest.raises(UserError, match="sam2.1_hiera_x: is not in the catalogue.*sam2.1_hiera_t"):
         egosplat("download", "sam2.1_hiera_x")
     listed = egosplat("--all")
     assert all(one.file in listed for one in model_sets.CATALOGUE)
-    assert "download sam2.1_hiera_t sam2.1_hiera_s sam2.1_hiera_b+ ViT-B-16 ViT-L-14" in listed
+    assert "download sam2.1_hiera_t sam2.1_hiera_s sam2.1_hiera_b+ ViT-B-32-256 ViT-B-16 ViT-L-14" in listed
 
 
 def test_files_of_the_user_are_listed_and_not_fetched(folder, server):
@@ -158,7 +183,7 @@ def test_files_of_the_user_are_listed_and_not_fetched(folder, server):
     with pytest.raises(UserError, match="models.sam2_checkpoint: there is no file mine.pt"):
         egosplat("download", *options)
     (folder / "mine.pt").write_bytes(b"mine")
-    assert "mine.pt: your own file" in egosplat("download", *options)
+    assert "mine.pt: there" in egosplat("download", *options)
 
 
 def test_the_table_of_scenes_counts(folder, server):
@@ -169,3 +194,56 @@ def test_the_table_of_scenes_counts(folder, server):
     (folder / "config/scenes.tsv").write_text(rows)
     listed = egosplat()
     assert FILES[1] in listed and "bundled with egosplat" in listed and FILES[0] not in listed
+
+
+def test_a_download_goes_on_where_it_broke_off(folder, server, monkeypatch):
+    """Also from another folder; what came before stays in the user's own cache."""
+    monkeypatch.setattr("huggingface_hub.constants.DOWNLOAD_CHUNK_SIZE", 1000)
+    server.breaks = 300_000
+    with pytest.raises(UserError, match="503.*\n.*same command goes on"):
+        egosplat("download", "ViT-B-16")
+    (folder / "other").mkdir()
+    monkeypatch.chdir(folder / "other")
+    server.breaks, server.status = None, 200
+    assert "there, SHA-256 verified" in egosplat("download", "ViT-B-16")
+    assert len(server.begins) == 2 and 0 < server.begins[1] <= 300_000
+
+
+def test_a_run_fetches_fast_published_models_once_and_tells_size_and_digest(folder, server, make, caplog):
+    assert make() == "light" and {path.name for path in Path("checkpoints").iterdir()} == LIGHT
+    assert "761 MB are fetched once" in caplog.text and "models light" in caplog.text
+    assert "published SHA-256: none" in caplog.text and f"published SHA-256: {SHA256}" in caplog.text
+    server.stop()  # what the user's own cache has needs no network
+    shutil.rmtree("checkpoints")
+    assert make() == "light" and len(server.requests) == 2
+
+
+def test_without_a_network_the_bundled_models_serve_and_the_scene_keeps_them(folder, server, make, caplog):
+    """One line says so and how to get the others. A network later switches nothing by itself, in scenes of older versions neither."""
+    server.stop()
+    assert make() == "photos" and not Path("checkpoints").exists()
+    (line,) = [one for one in caplog.messages if "bundled" in one]
+    assert server.address in line and "--set models.set=light" in line and "\n" not in line
+    with Hub(CONTENT, pytest.MonkeyPatch(), folder / "later") as later:
+        assert make() == "photos"
+        TABLE.write_text(TABLE.read_text().replace("models.set=photos", ""))
+        assert make() == "photos" and later.requests == []
+        assert make("models.set=light") == "light" == make() == make("models.set=auto")
+
+
+@pytest.mark.parametrize("status", [404, 503])
+def test_a_hub_that_answers_wrongly_is_no_reason_for_other_models(server, make, status):
+    server.status = status
+    with pytest.raises(UserError, match=rf"(?s){status}.*goes on.*models.set=photos"):
+        make()
+    server.stop()  # chosen is chosen
+    with pytest.raises(UserError, match="cannot be fetched"):
+        make()
+    assert make("models.set=photos") == "photos" == make()
+
+
+def test_who_chooses_gets_no_other_models(folder, server, make):
+    assert make("models.set=small") == "small"
+    TABLE.unlink()
+    Path("config/config.yaml").write_text("formats: {plain: {models: {set: photos}}}")
+    assert command.make_scene(folder / "photos").config["models"]["set"] == "photos" and server.requests == []

@@ -6,8 +6,7 @@ import torch
 
 from egosplat.compute import choose_compute
 from egosplat.models.checkpoints import SMALL, sam2_config_file
-from egosplat.models.image_encoder import encode
-from egosplat.models.point_decoder import PointDecoder
+from egosplat.models.point_decoder import PointDecoder, encode
 from egosplat.models.sam2_loader import Sam2, build_predictor, set_image_size
 
 

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 PRECISIONS = ("float32", "bfloat16")
 SAVE = {"SAM2": save_sam2, "OpenCLIP": save_clip, "timm": save_encoder}
 # Channels of the features of each OpenCLIP.
-WIDTHS = {"ViT-B-16": 512, "ViT-B-16-quickgelu": 512, "ViT-L-14": 768}
+WIDTHS = {"ViT-B-32-256": 512, "ViT-B-16": 512, "ViT-B-16-quickgelu": 512, "ViT-L-14": 768}
 SAM2 = [one.architecture for one in CATALOGUE if one.library == "SAM2"]
 # Random masks pass these thresholds. Their logits are flat, so that an offset of 1 would leave nothing.
 EVERY_MASK = MaskFilter(0.0, 0.0, 0.01, 0.0, nms_inner_thresh=0.0)

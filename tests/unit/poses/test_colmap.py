@@ -18,7 +18,7 @@ from egosplat.errors import UserError
 from egosplat.geometry import Camera, make_pose
 from egosplat.poses.colmap import colmap_poses, filter_points
 from egosplat.poses.options import PosesOptions
-from tests.support.models import synthesized
+from tests.support.recordings import synthesized
 from tests.unit.poses.conftest import CAMERA
 
 PINHOLE = pycolmap.Camera(model="PINHOLE", width=240, height=180, params=[210.0, 210.0, 120.0, 90.0])

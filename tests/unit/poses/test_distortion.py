@@ -10,7 +10,7 @@ from egosplat.calibration.colmap.distortion import choices, compare, lens_of_fra
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
-from tests.support.models import synthesized
+from tests.support.recordings import synthesized
 
 
 def model_of(k1: float, k2: float, seed: int) -> pycolmap.Reconstruction:

@@ -24,7 +24,7 @@ from egosplat.query.things import (
 )
 from egosplat.query.views import show_thing
 from egosplat.rasterize.view import composite
-from tests.support.blobs import blobs
+from tests.support.splats import blobs
 
 SPACING = 0.1
 

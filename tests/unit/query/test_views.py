@@ -16,8 +16,8 @@ from egosplat.query.scene import QueryScene, Viewpoint, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker, View, answer_from_codes, pixel_position
 from egosplat.rasterize.view import composite
-from tests.support.blobs import blobs
 from tests.support.gaussian_scene import SETTINGS
+from tests.support.splats import blobs
 
 SIZE = 48
 SQUARE = Camera(SIZE, SIZE, 40.0, 40.0, SIZE / 2, SIZE / 2)

@@ -9,7 +9,7 @@ from torch import Tensor
 from egosplat.rasterize import cpu
 from egosplat.rasterize.contract import Arguments
 from egosplat.rasterize.reference import rasterizer as reference
-from tests.support.undecided import undecided
+from tests.support.splats import undecided
 
 WIDTH, HEIGHT = 67, 51
 

@@ -10,8 +10,7 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.rasterize import api
 from egosplat.rasterize.view import View, composite_sparse, pixel_renderer, sum_over_pixels
-from tests.support.blobs import blobs, crowd
-from tests.support.splats import colorful
+from tests.support.splats import blobs, colorful, crowd
 
 COUNT, CHANNELS = 300, 70
 # The last tiles reach beyond the image.

@@ -14,8 +14,8 @@ from egosplat.language.targets import Targets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.occam import average_at_centers
 from egosplat_rivals.semantic_gaussians import EVERY, pixel_features, project_views
-from tests.support.blobs import blobs
 from tests.support.gaussian_scene import SETTINGS
+from tests.support.splats import blobs
 
 CAMERA = Camera(64, 48, 60.0, 60.0, 32.0, 24.0)
 LEFT, RIGHT = [1.0, 0.0], [0.0, 1.0]

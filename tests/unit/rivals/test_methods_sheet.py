@@ -1,14 +1,20 @@
-"""The page of methods: which queries it shows, and a column for each method."""
+"""Pages that compare: the scores that they wait for, and the page of methods."""
 
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import matplotlib.image
 import pytest
 
 from egosplat.errors import UserError
 from egosplat.evaluation import stage
+from egosplat.pipeline.config import merge, resolve
 from egosplat.report.sheets.queries_sheet import ScoredQuery
+from egosplat.run.jobs import default_results
+from egosplat_rivals.compared import compared_variants, table_pictures, table_scores
 from egosplat_rivals.methods_sheet import over_methods, run
+from tests.unit.run.test_jobs import PRESETS, scenes
 
 NAMES = ("frames", "poses", "annotations", "features", "splats", "language")
 
@@ -43,3 +49,34 @@ def test_queries_count_by_what_most_methods_answer():
     two = asked(cup=(False, 0.2), sofa=(False, 0.3), rug=(True, 0.6))
     found = {query.category: (query.hit, round(query.iou, 6)) for query in over_methods([one, two])}
     assert found == {"cup": (True, 0.5), "rug": (True, 0.5), "sofa": (False, 0.2)}
+
+
+__all__ = ("scenes",)
+
+
+def test_the_tables_hold_ablations_configured_methods_and_scores_by_name_that_exist(scenes):
+    before, home = table_scores(scenes.values()), "results/adt/one"
+    own = ("baseline", "langsplat", "langsplat_pixels", "pixels")
+    assert {f"{home}/variants/{name}/metrics.json" for name in own} <= {*before}
+    assert "results/mine/here/variants/baseline/metrics.json" in before
+    assert not [path for path in before if "named" in path or "absent" in path]
+    assert not [path for path in default_results(scenes["adt", "one"]) if "variants" in path]
+    Path("results/adt/named").mkdir(parents=True)
+    Path("results/adt/named/metrics.json").touch()
+    assert set(table_scores(scenes.values())) - set(before) == {"results/adt/named/metrics.json"}
+    keys = {"tables": {"methods": []}}
+    told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
+    assert not [path for path in table_scores(told) if "langsplat" in path]
+    assert {"results/mine/here/splats.png", f"{home}/methods.png"} <= {*table_pictures(scenes.values())}
+    assert f"{home}/methods.png" not in table_pictures(told)
+
+
+def test_variants_that_change_nothing_are_not_compared(scenes):
+    variants = {"same": {}, "narrow": {"features": {"dims": 8}}}
+    keys = {"variants": variants, "tradeoff": {"variants": ["same", "narrow"]}}
+    scene = replace(scenes["adt", "one"], config=resolve(keys, PRESETS))
+    home = "results/adt/one"
+    assert compared_variants(scene) == [f"{home}/metrics.json", f"{home}/variants/narrow/metrics.json"]
+    lost = replace(scene, config=resolve({"tradeoff": {"variants": ["nothing"]}}, PRESETS))
+    with pytest.raises(UserError, match="adt/one: no variant 'nothing'"):
+        compared_variants(lost)

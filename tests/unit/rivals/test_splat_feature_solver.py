@@ -1,4 +1,5 @@
-"""Splat Feature Solver: what its definition says, in scenes of few Gaussians."""
+"""Splat Feature Solver: what its definition says, in scenes of few Gaussians; and LangSplatV2: four words a code, and no gradient for the
+others."""
 
 import sys
 
@@ -13,6 +14,7 @@ from egosplat.language.options import LanguageOptions
 from egosplat.language.targets import Targets
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat_rivals import splat_feature_solver as solver
+from egosplat_rivals.langsplat_v2 import WORDS, codebook, coefficients
 from egosplat_rivals.splat_feature_solver import (
     SHARPENING,
     agreeing,
@@ -22,7 +24,7 @@ from egosplat_rivals.splat_feature_solver import (
     principal_components,
     sharpen,
 )
-from tests.support.blobs import blobs
+from tests.support.splats import blobs
 from tests.unit.rivals.test_center_methods import CAMERA, LEFT, RIGHT, look, plane
 
 NOTHING = [0.0, 0.0]
@@ -189,3 +191,33 @@ def test_principal_components_keep_distances_in_the_directions_of_most_variance(
     exact = torch.cdist(flat.double(), flat.double())
     found = torch.cdist(parts.double(), parts.double())
     torch.testing.assert_close(found / found.max(), exact / exact.max(), atol=1e-4, rtol=0)
+
+
+def test_a_code_is_the_softmax_cut_to_four_over_its_sum_and_no_other_logit_gets_a_gradient():
+    draw = torch.Generator().manual_seed(0)
+    logits = torch.randn(50, WORDS, generator=draw).requires_grad_()
+    words = torch.randn(WORDS, 16, generator=draw)
+    code = coefficients(logits)
+    whole = logits.detach().softmax(dim=-1)
+    chosen = whole >= whole.topk(4, dim=-1).values[:, -1:]
+    torch.testing.assert_close(code.detach(), whole * chosen / (whole * chosen).sum(dim=-1, keepdim=True))
+    (code @ words).square().sum().backward()
+    assert float(logits.grad[~chosen].abs().max()) < 1e-8 < float(logits.grad[chosen].abs().min())
+
+
+def test_the_codebook_holds_the_centers_of_clusters():
+    rng = np.random.default_rng(0)
+    centers = np.eye(WORDS, 80, dtype=np.float32)
+    rows = np.repeat(centers, 20, axis=0) + rng.normal(0, 1e-3, (20 * WORDS, 80)).astype(np.float32)
+    found = codebook(rows, seed=0)
+    assert found.shape == (WORDS, 80)
+    nearest = np.linalg.norm(found[:, None] - centers, axis=-1).min(axis=1)
+    assert np.median(nearest) < 0.01
+    np.testing.assert_array_equal(found, codebook(rows, seed=0))
+
+
+def test_few_different_features_are_the_codebook_and_none_is_an_error():
+    rows = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 0.0]], np.float32)
+    assert sorted(map(tuple, codebook(rows, 0))) == [(0.0, 1.0), (1.0, 0.0)]
+    with pytest.raises(UserError, match=r"language\.method"):
+        codebook(rows[:0], 0)

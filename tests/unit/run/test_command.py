@@ -1,4 +1,4 @@
-"""The command line of ``egosplat run``, and the call of Snakemake."""
+"""The command line of ``egosplat run``, its table of scenes, and the call of Snakemake."""
 
 import os
 import shutil
@@ -13,11 +13,13 @@ from click.testing import CliRunner
 from egosplat.cli import cli, scenes
 from egosplat.errors import UserError
 from egosplat.files import alone
+from egosplat.pipeline.config import defaults
 from egosplat.pipeline.home import CONFIG, find_home, make_command
+from egosplat.pipeline.scenes import read_scenes
 from egosplat.pipeline.stages import STAGES
 from egosplat.run import command
-from egosplat.run.command import make_scene
-from tests.support import ROOT
+from egosplat.run.command import make_scene, put_row, split_name
+from tests.support import HEADER, ROOT
 from tests.unit.run.conftest import write_pictures
 
 
@@ -44,8 +46,8 @@ def test_the_workflow_runs_from_an_empty_folder(calls, tmp_path):
     assert [str(path) for path in Path(".").rglob("*") if path.is_file()] == ["config/scenes.local.tsv"]
 
 
-def test_missing_weights_are_told_before_the_first_step(calls, tmp_path):
-    with pytest.raises(UserError, match="models.sam2_checkpoint.*\n.*egosplat models download"):
+def test_weights_that_cannot_be_fetched_are_told_before_the_first_step(calls, tmp_path):
+    with pytest.raises(UserError, match="base_plus.*\n.*By hand"):
         make_scene(tmp_path / "photos", options=("models.set=published",))
     assert not calls
 
@@ -144,4 +146,75 @@ def test_a_trained_splat_becomes_a_key_of_the_scene(calls, tmp_path):
         assert (name in done.stderr) == bool(status)
     assert len(calls) == 1
     row = Path("config/scenes.local.tsv").read_text().splitlines()[-1]
-    assert row.split("\t")[-1].split()[-1] == f"splats.source={tmp_path / 'scene.ply'}"
+    assert f"splats.source={tmp_path / 'scene.ply'}" in row.split("\t")[-1].split()
+
+
+@pytest.fixture
+def put(tmp_path, monkeypatch):
+    """``put(recording, options)``: the row of mine/kitchen in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def write(recording="a.mp4", options="", name="mine/kitchen"):
+        path = tmp_path / recording
+        path.touch()
+        values = (*split_name(name), "plain", str(path), options)
+        return put_row(defaults(), dict(zip(HEADER.split(), values, strict=True)))
+
+    return write
+
+
+def table(tmp_path) -> str:
+    return (tmp_path / "config/scenes.local.tsv").read_text()
+
+
+def test_a_row_is_read_beside_the_table_and_without_it(put, tmp_path):
+    scene = put(options="frames.stride=3")
+    assert scene.config["frames"]["stride"] == 3
+    assert ("mine", "kitchen") in read_scenes(defaults())
+    (tmp_path / "config/scenes.tsv").write_text(f"{HEADER}adt\tscene1\tadt\t-\tsynthetic.seed=1\n")
+    assert [*read_scenes(defaults())] == [("adt", "scene1"), ("mine", "kitchen")]
+
+
+def test_the_same_recording_keeps_one_row_with_the_last_keys_and_a_wrong_row_of_another_stays(put, tmp_path):
+    put()
+    wrong = ["old", "plain", "x.mp4", "frames.gone=1"]
+    (tmp_path / "config/scenes.local.tsv").write_text(table(tmp_path) + "\t".join(["mine", *wrong]) + "\n")
+    put("b.mp4", name="hall")
+    put(options="frames.stride=3")
+    rows = [line.split("\t")[1:] for line in table(tmp_path).splitlines()[1:]]
+    assert rows == [
+        wrong,
+        ["hall", "plain", str(tmp_path / "b.mp4"), ""],
+        ["kitchen", "plain", str(tmp_path / "a.mp4"), "frames.stride=3"],
+    ]
+
+
+def test_another_recording_of_the_name_is_refused_unless_the_first_is_gone(put, tmp_path):
+    put()
+    before = table(tmp_path)
+    with pytest.raises(UserError, match=r"mine/kitchen: .*a\.mp4.*--name mine/kitchen2"):
+        put("other.mp4")
+    assert table(tmp_path) == before
+    (tmp_path / "a.mp4").rename(tmp_path / "moved.mp4")
+    assert put("moved.mp4").recording == tmp_path / "moved.mp4"
+    assert table(tmp_path).count("kitchen") == 1
+    # Of a row in the tracked table the name is never free.
+    (tmp_path / "config/scenes.tsv").write_text(f"{HEADER}mine\tkitchen\tplain\tgone.mp4\t\n")
+    with pytest.raises(UserError, match=r"config/scenes\.tsv"):
+        put("moved.mp4")
+
+
+@pytest.mark.parametrize(
+    "name, options, said",
+    [
+        *((name, "", "--name") for name in ("Mine/kitchen", "benchmark/kitchen", "a/b/c", "mine/")),
+        *((name, "", "--name") for name in ("mine/my kitchen", "../../kitchen")),
+        ("k" * 101, "", "scene"),
+        ("kitchen", "frames.strid=3", "frames.strid"),
+        ("kitchen", "frames.stride=no", "frames.stride"),
+    ],
+)
+def test_wrong_names_and_keys_are_named_and_write_nothing(put, tmp_path, name, options, said):
+    with pytest.raises(UserError, match=said):
+        put(name=name, options=options)
+    assert not (tmp_path / "config").exists()

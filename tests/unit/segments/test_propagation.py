@@ -5,7 +5,7 @@ import pytest
 import torch
 from PIL import Image
 
-from egosplat.models.image_encoder import encode
+from egosplat.models.point_decoder import encode
 from egosplat.segments.propagation import Propagator
 
 FRAMES = 5

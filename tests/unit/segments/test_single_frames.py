@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.models.image_encoder import encode
+from egosplat.models.point_decoder import encode
 from egosplat.segments import prompts, single_frames
 from egosplat.segments.masks import Candidates
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions

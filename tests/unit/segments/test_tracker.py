@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from egosplat.compute import choose_compute
-from egosplat.models.image_encoder import encode
+from egosplat.models.point_decoder import encode
 from egosplat.models.sam2_loader import Sam2
 from egosplat.segments import prompts as prompting
 from egosplat.segments import tracker as tracking

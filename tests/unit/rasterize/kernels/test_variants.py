@@ -11,14 +11,14 @@ from torch import Tensor
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.kernels.targets import HERE, VARIANTS
 from tests.support.rooms import ROOT
-from tests.unit.rasterize.kernels import test_adam, test_loss, test_raster
+from tests.unit.rasterize.kernels import test_raster, test_training
 
 
 def outputs() -> list[Tensor]:
     """A parameter after a step, loss and gradient, and a composited image with its gradients."""
-    state = test_adam.tensors(21, 5)
-    test_adam.steps(state, 1)
-    loss = test_loss.value_and_gradient(*test_loss.pictures(41, 27))
+    state = test_training.tensors(21, 5)
+    test_training.steps(state, 1)
+    loss = test_training.value_and_gradient(*test_training.pictures(41, 27))
     values = test_raster.projected(2000, 18) | {"opacities": torch.full((2000,), 0.3)}
     return [each.detach() for each in (state[0], *loss, *test_raster.pull(values))]
 
