@@ -121,8 +121,7 @@ def download(files: Sequence[Needed]) -> None:
                 _fetch(file.published, file.path, by_hand)
             _check_digest(file.published.sha256, file.path)
         elif file in missing:
-            wrong = f"there is no file {file.path}, and egosplat's catalogue does not have it"
-            raise UserError(f"{file.key}: {wrong}")
+            raise UserError(f"{file.key}: there is no file {file.path}, and the catalogue has none")
 
 
 def why_unreachable(files: Sequence[Needed]) -> str | None:

@@ -22,10 +22,8 @@ def notice(origin: str, checkpoints: Mapping[str, str]) -> str | None:
         told = "names ImageNet's 1,000 classes, hardly any in the dark pictures of Aria glasses"
         return f"models.set photos {told}; its masks come from the small SAM2, which was {BRIEF}. {_FETCH}"
     small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value == SMALL]
-    told = (
-        f"the small checkpoints ({', '.join(small)}) were {BRIEF}: results on a real recording are unreliable"
-    )
-    return f"{told}. {_FETCH}" if small else None
+    told = f"the small checkpoints ({', '.join(small)}) were {BRIEF}: results on a real recording"
+    return f"{told} are unreliable. {_FETCH}" if small else None
 
 
 def notice_of_artifacts(artifacts: Iterable[Artifact]) -> str | None:

@@ -39,7 +39,8 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
         "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0, "name_weight": 0.0},
     },
 }
-# Fast published models for recordings; a crop would take SAM2 as long as a frame (docs/models.md#light).
+# Fast published models for recordings; a crop would take SAM2 as long as a frame (docs/models.md#light). By OpenCLIP's table, this one
+# classifies 72.8 % of ImageNet, and ViT-B-16 of LAION-2B 70.2 % in three times the time.
 DEFAULTS[LIGHT] = DEFAULTS[PUBLISHED] | {
     "models": DEFAULTS[PUBLISHED]["models"] | {"sam2_config": "sam2.1_hiera_t", "clip_model": "ViT-B-32-256"},
     "segments": {"image_size": None, "crops_per_side": 1},
