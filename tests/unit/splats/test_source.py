@@ -24,7 +24,7 @@ from egosplat.splats.source_reader import read_source
 from tests.support.gaussian_scene import photographs
 from tests.support.splat_files import gsplat_columns, packed_ply, ply, spz, write
 from tests.support.splats import colorful
-from tests.unit.gaussians.test_similarity import similarity
+from tests.unit.gaussians.test_model import similarity
 
 
 def run(folder: Path, source: Path | str, **changes: object):
