@@ -17,12 +17,11 @@ import numpy as np
 from benchmarks.carries import rests as of_rests
 from benchmarks.carries.places import NEAR_M, distance, places_of, rests_of, there
 from benchmarks.carries.true_tracks import with_true_tracks
-from benchmarks.carries.truth import Rest, TrueCarry, read_carries, recording_of
+from benchmarks.carries.truth import TrueCarry, read_carries, recording_of
 from benchmarks.common import command, markdown, scene_folders
 from egosplat.histories.told import Carried
 from egosplat.pipeline.home import title_of
 from egosplat.progress import log
-from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene, open_scene
 from egosplat.query.text import CARRIED, SYNONYM
 
@@ -113,7 +112,12 @@ def measure(scene: Scene) -> Figures:
         ),
         of_others=_of_others(scene, names),
         rests=len(rests),
-        without_time=sum(_without_time(one, scene, answers[one.category], rests) for one in rests),
+        # The best thing of an answer that is not refused.
+        without_time=sum(
+            any(distance(best.center, place) <= NEAR_M for place in there(one, rests))
+            for one in rests
+            for best in answers[one.category].things[:1]
+        ),
         at_time=at_time,
         wrong=sum(answered for *_, answered, _ in places) - at_time,
     )
@@ -149,18 +153,6 @@ def _errors(pairs: Sequence[tuple[TrueCarry, Carried]]) -> tuple[list[float], ..
     )
 
 
-def _without_time(rest: Rest, scene: Scene, answer: Answer, rests: Sequence[Rest]) -> bool:
-    """Whether the best thing of an answer that is not refused lies where the thing rests."""
-    things = answer.things[:1]
-    return any(distance(thing.center, one) <= NEAR_M for thing in things for one in there(rest, rests))
-
-
-def _cpu_seconds(folder: Path, stage: str) -> str:
-    """What the rule of a stage took; "-" where nothing tells it."""
-    log_file = Path("logs") / folder.absolute().relative_to(Path("results").absolute()) / f"{stage}.tsv"
-    return log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
-
-
 @command(__doc__)
 @scene_folders
 @click.option("--true-tracks", "truly", is_flag=True, help="With true tracks of what moves.")
@@ -175,8 +167,11 @@ def main(folders: tuple[Path, ...], truly: bool) -> None:
             raise click.ClickException(f"{folder}: lacks histories.zarr of its Gaussians")
         scene.__dict__["histories"] = histories
         figures.append((measure(scene), of_rests.measure(scene, rests)))
+        # What the rule took, if Snakemake made the scene here.
+        log_file = Path("logs", folder.absolute().relative_to(Path("results").absolute()), "histories.tsv")
+        took = log_file.read_text().splitlines()[1].split("\t")[-1] if log_file.exists() else "-"
         for table, part in zip((rows, resting), figures[-1], strict=True):
-            table.append([title_of(folder), *part.cells(), _cpu_seconds(folder, "histories")])
+            table.append([title_of(folder), *part.cells(), took])
     told, lying = zip(*figures, strict=True)
     rows.append(["all", *Figures.total(told).cells(), ""])
     resting.append(["all", *of_rests.Figures.total(lying).cells(), ""])

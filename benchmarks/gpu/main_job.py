@@ -82,7 +82,10 @@ def report(folder: Path) -> str:
 
 def costs(scenes: Mapping[str, ScoredScene]) -> str:
     """A row for each stage: its time on the clock, and the peaks of main and GPU memory, of each run."""
-    records = {name: records_of(scene) for name, scene in scenes.items()}
+    records = {}
+    for name, scene in scenes.items():
+        made = (*filter(None, scene.document["artifacts"].values()), scene.document["provenance"])
+        records[name] = {record["stage"]: record for record in made}
     header = ["stage"]
     for name in scenes:
         header += [f"{name} [s]", "memory [GiB]", "GPU [GiB]"]
@@ -94,12 +97,6 @@ def costs(scenes: Mapping[str, ScoredScene]) -> str:
     for own in records.values():
         total += [f"{sum(record['wall_s'] for record in own.values()):.1f}", "", ""]
     return markdown(header, [*rows, total])
-
-
-def records_of(scene: ScoredScene) -> dict[str, Mapping[str, Any]]:
-    """The provenance of each stage of a scene."""
-    made = [entry for entry in scene.document["artifacts"].values() if entry is not None]
-    return {record["stage"]: record for record in (*made, scene.document["provenance"])}
 
 
 def cells_of(record: Mapping[str, Any] | None) -> list[str]:

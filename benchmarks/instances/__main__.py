@@ -108,10 +108,6 @@ class Scene:
                 stack.enter_context(patch(CONSTANTS[name], value))
             return self.score(self.merged())
 
-    def as_segmented(self) -> Iterator[Labels]:
-        """Labels as segments.zarr has them."""
-        return (self.segments.row("labels", row)[self.whole] for row in self.rows)
-
     def merged(self) -> Iterator[Labels]:
         """Labels of the merged masks."""
         thing, _ = find_things(self.masks, self.weight)
@@ -146,7 +142,8 @@ def main(folders: tuple[Path, ...], iterations: int, changes: tuple[str, ...]) -
     rows = []
     for folder in folders:
         scene, name = Scene(folder, iterations), title_of(folder)
-        rows.append(row_of(name, "segments.zarr", scene.score(scene.as_segmented()), None))
+        masks = (scene.segments.row("labels", row)[scene.whole] for row in scene.rows)
+        rows.append(row_of(name, "segments.zarr", scene.score(masks), None))
         for change in changes or CHANGES:
             scores, seconds = time_call(scene.score_merged, CHANGES[change])
             rows.append(row_of(name, change, scores, seconds))

@@ -28,7 +28,7 @@ from egosplat.models.sam2_loader import load_sam2
 FRAME = (512, 512)
 POINT = np.array([[256.0, 256.0]]), np.array([1])
 
-COLUMNS = (
+COLUMNS = [
     "model",
     "what",
     "million weights",
@@ -36,7 +36,7 @@ COLUMNS = (
     "first [CPU-s]",
     "again [CPU-s]",
     "peak memory [MiB]",
-)
+]
 
 Rows = Iterator[list[str]]
 
@@ -101,20 +101,13 @@ def check(holds: bool, otherwise: str) -> None:
         raise RuntimeError(otherwise)
 
 
-FILE = (click.Choice(list(MODELS)), click.Path(path_type=Path))
-
-
 @command(__doc__)
 @click.option("--sam2", default=SAM2, show_default=True, help="Architecture, as models.sam2_config.")
 @click.option("--clip", default=CLIP, show_default=True, help="Architecture, as models.clip_model.")
-@click.option("--save", type=FILE, hidden=True)
-@click.option("--measure", type=FILE, hidden=True)
-def main(sam2: str, clip: str, save: tuple[str, Path] | None, measure: tuple[str, Path] | None) -> None:
-    """Print the table; with a hidden option, save or measure one model in this process."""
+@click.option("--measure", type=(click.Choice(list(MODELS)), click.Path(path_type=Path)), hidden=True)
+def main(sam2: str, clip: str, measure: tuple[str, Path] | None) -> None:
+    """Print the table; with the hidden option, measure one model in this process."""
     architectures = {"sam2": sam2, "clip": clip}
-    if save:
-        MODELS[save[0]][0](save[1], architectures[save[0]])
-        return
     if measure:
         click.echo(json.dumps(list(MODELS[measure[0]][1](measure[1], architectures[measure[0]]))))
         return
@@ -123,7 +116,7 @@ def main(sam2: str, clip: str, save: tuple[str, Path] | None, measure: tuple[str
     with tempfile.TemporaryDirectory() as folder:
         for name in MODELS:
             path = Path(folder) / f"{name}.pt"
-            output_of("benchmarks.published_models", *chosen, "--save", name, path)
+            MODELS[name][0](path, architectures[name])
             rows += json.loads(output_of("benchmarks.published_models", *chosen, "--measure", name, path))
     click.echo(
         "# The published architectures\n\nWith random weights, saved, loaded by path (equal to the last bit), one frame: "

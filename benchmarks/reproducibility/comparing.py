@@ -93,12 +93,9 @@ def _leaves(name: str, value: Any):
 
 
 def _of_folders(one: Path, other: Path) -> list[Difference]:
-    first, second = (_hashes(folder) for folder in (one, other))
-    return [
-        Difference(name, 1.0, None) for name in sorted(first | second) if first.get(name) != second.get(name)
-    ]
-
-
-def _hashes(folder: Path) -> dict[str, str]:
-    paths = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in paths}
+    first, second = {}, {}
+    for root, hashes in ((one, first), (other, second)):
+        for path in filter(Path.is_file, root.rglob("*")):
+            hashes[str(path.relative_to(root))] = hashlib.sha256(path.read_bytes()).digest()
+    names = sorted(first | second)
+    return [Difference(name, 1.0, None) for name in names if first.get(name) != second.get(name)]

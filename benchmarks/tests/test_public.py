@@ -1,5 +1,7 @@
 """The page of public benchmarks: printed numbers, and scores beside them."""
 
+import hashlib
+import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -7,9 +9,15 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.common import ROOT
+from benchmarks.public import __main__ as public
 from benchmarks.public.__main__ import PRINTED, TABLES, deviations, main, own_row, printed_rows
+from benchmarks.public.boxes import write_lerf
+from egosplat.pipeline.config import resolve
 from egosplat.pipeline.general_options import SHIPPED
+from egosplat.pipeline.scenes import read_scenes
+from egosplat.pipeline.strict_yaml import read_yaml
 from egosplat_rivals.scored_scenes import ScoredScene
+from tests.support.hub import Hub
 
 
 def scored(kind: str, scene: str, iou: float, **options: object) -> ScoredScene:
@@ -54,6 +62,22 @@ def test_own_scores_stand_in_a_row_with_their_mean():
     assert row[1:-1] == ["50.0 / 0.0", "50.0 / 10.0", "50.0 / 20.0", "50.0 / 30.0", "50.0 / 15.0"]
     assert len(row) == len(next(printed_rows("lerf")))
     assert own_row("3d_ovs", [scored("3d_ovs", "room", 0.5)])[1:-1] == ["", "", "", "50.0", "", ""]
+    assert "yours, usual" in own_row("lerf", [scored("lerf", "ramen", 0.5)], ", usual")[0]
+
+
+def test_lerf_ovs_is_fetched_with_settings_that_plan_its_scenes(tmp_path, monkeypatch):
+    write_lerf(tmp_path / "made/lerf_ovs", "ramen")
+    content = Path(shutil.make_archive(str(tmp_path / "made"), "zip", tmp_path / "made")).read_bytes()
+    known = public.LERF_OVS._replace(sha256=hashlib.sha256(content).hexdigest())
+    monkeypatch.setattr(public, "LERF_OVS", known)
+    with Hub(content, monkeypatch, tmp_path / "hub") as hub:
+        done = CliRunner().invoke(main, ["--fetch", str(tmp_path / "data")], catch_exceptions=False)
+        assert hub.requests == [known.address] and "/datasets/Qmh/lerf_ovs/resolve/dd69" in known.address
+    scene = read_scenes(resolve(read_yaml(Path(done.stdout.strip())), ROOT / "config/presets"))[
+        "lerf", "ramen"
+    ]
+    assert scene.recording.is_dir() and scene.config["variants"]["usual"]["models"] == {"set": "light"}
+    assert [*scene.config["presence"]["negatives"]] == ["box", "mug", "sign"]
 
 
 def test_a_key_that_differs_from_the_protocol_is_named():

@@ -62,19 +62,14 @@ class Scene:
         """Scores of the network alone."""
         return self._scores([probability >= ALONE for probability in self.probability])
 
-    def refined_by_truth(self) -> Sweep:
-        """Scores refined by true instances."""
-        labels = [true[None] for true in self.labels]
-        return self._refined(labels, np.ones(len(self.truth.moves), bool))
-
     def refined_by_segments(self) -> Sweep:
         """Scores refined by the instances of instances.zarr at all levels; none without that file."""
         if self.instances is None:
             return {}
         labels = [self.instances.row("labels", frame) for frame in range(len(self.labels))]
-        return self._refined(labels, is_track(self.instances))
+        return self.refined(labels, is_track(self.instances))
 
-    def _refined(self, labels: list[Labels], may_move: NDArray[np.bool_]) -> Sweep:
+    def refined(self, labels: list[Labels], may_move: NDArray[np.bool_]) -> Sweep:
         found, outstanding = InstanceScores(len(may_move)), InstanceScores(len(may_move))
         for frame in np.flatnonzero(self.train):
             found.add(labels[frame], self.probability[frame])
@@ -130,7 +125,10 @@ def main(folders: tuple[Path, ...]) -> None:
     scenes = [Scene(folder) for folder in folders]
     names = [scene.name for scene in scenes]
     sweeps = {
-        "true instances": [scene.refined_by_truth() for scene in scenes],
+        "true instances": [
+            scene.refined([true[None] for true in scene.labels], np.ones(len(scene.truth.moves), bool))
+            for scene in scenes
+        ],
         "instances.zarr": [scene.refined_by_segments() for scene in scenes],
     }
     sweeps = {kind: own for kind, own in sweeps.items() if all(own)}

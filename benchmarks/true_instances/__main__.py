@@ -105,17 +105,6 @@ def run(stage: str, config: Config, **paths: object) -> None:
     run_stage(stage, **{name: path for name, path in paths.items() if path}, **stage_values(stage, config))
 
 
-def by_truth(folder: Path) -> dict[str, ScoredScene]:
-    """Scores of a scene with true instances, by target."""
-    with TemporaryDirectory() as name:
-        work = Path(name)
-        write_true_instances(folder, work / "instances.zarr")
-        config = configuration.resolve({}, PRESETS)
-        frames, instances = folder / "frames.zarr", work / "instances.zarr"
-        run("view_features", config, frames=frames, instances=instances, output=work / "view_features.zarr")
-        return {target: score(folder, work, target) for target in TARGETS}
-
-
 @command(__doc__)
 @scene_folders
 def main(folders: tuple[Path, ...]) -> None:
@@ -123,7 +112,12 @@ def main(folders: tuple[Path, ...]) -> None:
     rows, pairs, scenes = [], [], []
     for folder in folders:
         log(f"{folder}")
-        found = by_truth(folder)
+        with TemporaryDirectory() as name:
+            work, config = Path(name), configuration.resolve({}, PRESETS)
+            write_true_instances(folder, work / "instances.zarr")
+            shown = {"frames": folder / "frames.zarr", "instances": work / "instances.zarr"}
+            run("view_features", config, **shown, output=work / "view_features.zarr")
+            found = {target: score(folder, work, target) for target in TARGETS}
         for target, one in found.items():
             cells = [one.cell(*score) for score in SCORES]
             rows.append([title_of(folder), "true", target, cells[0].queries, *map(format_score, cells)])

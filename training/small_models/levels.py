@@ -50,11 +50,6 @@ class Levels:
     whole_names: tuple[str, ...]
     whole_instance: Ints
 
-    @property
-    def subpart_whole(self) -> Ints:
-        """(S,) whole of each subpart."""
-        return self.part_whole[self.subpart_part]
-
 
 def find_levels(world: World) -> Levels:
     """Find the subparts, parts and wholes of a world."""

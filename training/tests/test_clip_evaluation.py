@@ -5,11 +5,10 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from training.small_models.attributes import COLORS
 from training.small_models.clip_evaluation import Exam, table_of_kinds
 from training.small_models.clip_model import build, write_description
-from training.small_models.crops import Crops
 from training.small_models.patches import PATCH_PX
+from training.tests.test_clip_training import crops_of
 
 
 def test_an_unmasked_exam_sees_the_background(tmp_path: Path) -> None:
@@ -22,21 +21,7 @@ def test_an_unmasked_exam_sees_the_background(tmp_path: Path) -> None:
     # The first half has masks that fill their squares, so a mask changes nothing.
     patches[:6, 4:68, 4:68, 3] = 255
     patches[6:, 4:68, 30:42, 3] = 255
-    numbers = np.arange(count, dtype=np.int32)
-    crops = Crops(
-        patches,
-        np.zeros(count, dtype=np.int32),
-        names,
-        np.full(count, 2, dtype=np.int32),
-        rng.dirichlet(np.ones(len(COLORS)), count).astype(np.float32),
-        np.array(["plain cloth:1.00"] * count),
-        numbers + 100,
-        numbers + 10,
-        np.ones(count, dtype=np.float32),
-        np.zeros(count, dtype=np.int32),
-        numbers,
-        numbers,
-    )
+    crops = crops_of(names, rng, patches, "plain cloth:1.00")
     write_description(tmp_path)
     model, tokenizer = build(tmp_path)
     exams = {

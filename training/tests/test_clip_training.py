@@ -1,11 +1,12 @@
 """Training resumes exactly, kinds of crops have their shares, and short texts are encoded as the model encodes them."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 from safetensors.torch import load_file
 
 from training.open_clip import main
@@ -32,28 +33,26 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
+def crops_of(
+    names: NDArray[np.str_], rng: np.random.Generator, patches: NDArray[np.uint8], surface: str
+) -> Crops:
+    """Crops of wholes, masked from their objects, that differ in name, patch and color."""
+    count, numbers = len(names), np.arange(len(names), dtype=np.int32)
+    zeros, colors = np.zeros(count, dtype=np.int32), rng.dirichlet(np.ones(len(COLORS)), count)
+    about = (colors.astype(np.float32), np.array([surface] * count), numbers + 100, numbers + 10)
+    shares = np.ones(count, dtype=np.float32)
+    return Crops(patches, zeros, names, zeros + 2, *about, shares, zeros, numbers, numbers)
+
+
 def make_crops() -> Crops:
     """A few crops of noise, the same every time."""
     rng = np.random.default_rng(0)
     names = np.array(["cup", "couch", "cup/handle", "floor"] * 10)
-    count = len(names)
-    patches = rng.integers(0, 256, (count, PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
+    patches = rng.integers(0, 256, (len(names), PATCH_PX, PATCH_PX, 4), dtype=np.uint8)
     patches[..., 3] = 255
-    numbers = np.arange(count, dtype=np.int32)
-    return Crops(
-        patches,
-        (numbers % 5 == 0).astype(np.int32),
-        names,
-        np.where(np.char.find(names, "/") < 0, 2, 1).astype(np.int32),
-        rng.dirichlet(np.ones(len(COLORS)), count).astype(np.float32),
-        np.array(["striped cloth:1.00"] * count),
-        numbers + 100,
-        numbers + 10,
-        np.ones(count, dtype=np.float32),
-        np.zeros(count, dtype=np.int32),
-        numbers,
-        numbers,
-    )
+    level = np.where(np.char.find(names, "/") < 0, 2, 1).astype(np.int32)
+    kind = (np.arange(len(names)) % 5 == 0).astype(np.int32)
+    return replace(crops_of(names, rng, patches, "striped cloth:1.00"), kind=kind, level=level)
 
 
 def make_trainer(folder: Path) -> Trainer:

@@ -15,8 +15,7 @@ class ViewFeaturesOptions(ClipOptions, DeviceOptions):
 
     cut: Annotated[Literal["mask", "hull"], READING] = "hull"
     """What a crop shows. mask: the pixels of the mask, as in the paper. hull: those of its convex hull, so that the
-    holes and ragged edges of the small SAM2's masks do not show. Answers keep the outlines of the masks. With
-    published models the default is mask."""
+    holes and ragged edges of the small SAM2's masks do not show. Answers keep the outlines of the masks."""
 
     max_views: Count | None = None
     """Largest number of encoded views per instance, evenly spaced over its frames. null encodes all. Fewer take

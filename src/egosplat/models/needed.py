@@ -149,10 +149,9 @@ def _find_on_hub(model: PublishedModel) -> Any:
     """What the hub tells about a file, an ``HfFileMetadata``; None for one that the cache of ``huggingface_hub`` has."""
     from huggingface_hub import get_hf_file_metadata, hf_hub_url, try_to_load_from_cache
 
-    names = (model.repository, model.remote)
-    if isinstance(try_to_load_from_cache(*names, revision=model.revision), str):
+    if isinstance(try_to_load_from_cache(**model.on_hub), str):
         return None
-    return get_hf_file_metadata(hf_hub_url(*names, revision=model.revision, endpoint=hub()))
+    return get_hf_file_metadata(hf_hub_url(**model.on_hub, endpoint=hub()))
 
 
 def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
@@ -164,7 +163,7 @@ def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
     log(f"{path.name}: {model.megabytes:,.0f} MB from {model.address} ({about})")
     with reraise_as(lambda error: _fault(model, error, f".\n{ways}")):
         _fill_cache(model)
-        cached = hf_hub_download(model.repository, model.remote, revision=model.revision, endpoint=hub())
+        cached = hf_hub_download(**model.on_hub, endpoint=hub())
     fetched = Path(cached).resolve()
     # A large file is named there by its digest, as the hub tells it.
     told = fetched.name if len(fetched.name) == 64 else None
@@ -189,8 +188,8 @@ def _fill_cache(model: PublishedModel) -> None:
 
     if not ((found := _find_on_hub(model)) and found.etag):
         return  # hf_hub_download takes it, or tells what is wrong with the server
-    folder = repo_folder_name(repo_id=model.repository, repo_type="model")
-    blob = Path(constants.HF_HUB_CACHE, folder, "blobs", found.etag)
+    names = {name: model.on_hub[name] for name in ("repo_id", "repo_type")}
+    blob = Path(constants.HF_HUB_CACHE, repo_folder_name(**names), "blobs", found.etag)
     # A token is for the hub alone, not for the servers behind it.
     headers = build_hf_headers() if found.location.startswith(hub()) else None
     with alone(blob.parent, f"the download of {model.file}"):

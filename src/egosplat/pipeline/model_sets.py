@@ -65,12 +65,19 @@ class PublishedModel(NamedTuple):
     architecture: str
     weights: str  # the authors' name
     file: str  # name in the folder ``models.cache``
-    repository: str  # on the Hugging Face hub
+    repository: str  # on the Hugging Face hub; a data set's begins with datasets/
     remote: str  # file there
     revision: str
     license: str  # of the weights
     megabytes: float  # size of the file [10^6 bytes], rounded
     sha256: str | None  # None if no digest is published
+
+    @property
+    def on_hub(self) -> dict[str, str]:
+        """The file as functions of ``huggingface_hub`` take it."""
+        name = self.repository.removeprefix("datasets/")
+        kind = "model" if name == self.repository else "dataset"
+        return {"repo_id": name, "filename": self.remote, "revision": self.revision, "repo_type": kind}
 
     @property
     def address(self) -> str:

@@ -48,12 +48,10 @@ class SetOptions(Options, section="models"):
     """The set of models."""
 
     set: Literal["auto", "small", "photos", "light", "published"] = "auto"
-    """Which models: small (bundled, trained on synthetic apartments only), photos (the small SAM2, and words of
-    ImageNet's classes for photographs), light (SAM2.1 tiny and a fast OpenCLIP, which egosplat run fetches), published
-    (the paper's SAM2, OpenCLIP and encoder of the transient network; egosplat models download fetches them), or auto:
-    small for egosplat's apartments, photos for recordings, for which egosplat run chooses light (a stage by hand:
-    small). Keys whose best value depends on the model have a default for each set, and so have the filters of
-    SAM2's masks (docs/models.md); a key that you set yourself wins."""
+    """Which models (docs/models.md): small (bundled, of synthetic apartments only), photos (the small SAM2, and words of
+    ImageNet's classes), light (SAM2.1 tiny and a fast OpenCLIP, which egosplat run takes for recordings), published (the
+    paper's), or auto: small for egosplat's apartments, else photos (a stage by hand: small). Keys whose best value
+    depends on the model have a default for each set; a key that you set yourself wins."""
 
 
 class Sam2Options(Options, section="models"):
@@ -84,8 +82,7 @@ class ModelsOptions(SetOptions, Sam2Options, ClipOptions, section="models"):
     """The segmentation and embedding models, shared by all stages that need one."""
 
     cache: Text = "checkpoints"
-    """Folder of the published checkpoints. egosplat models download writes there, and the checkpoint published is
-    read there. Relative to the working directory."""
+    """Folder of the published checkpoints, relative to the working directory."""
 
 
 class ThresholdOptions(Options, section="masks"):

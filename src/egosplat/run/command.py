@@ -140,8 +140,7 @@ def choose_set(config: LayeredConfig, row: dict[str, str], anew: bool) -> dict[s
         }
     why = why_unreachable(find_needed([light.config]))
     bundled = f"the bundled models serve, which know less. For others: --set models.set=light ({why})"
-    small = "small published models serve. Without a GPU, --set models.set=photos is ten minutes faster, and knows less"
-    log(bundled if why else small)
+    log(bundled if why else "small published models serve; --set models.set=photos is faster without a GPU")
     return {"models.set": PHOTOS if why else LIGHT}
 
 
