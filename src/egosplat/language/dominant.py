@@ -59,7 +59,8 @@ def sum_votes(views: CodeViews, targets: CodeTargets) -> tuple[tuple[Ints, Ints,
         # Each Gaussian has one pixel in a view.
         seen[centers.gaussian] += weight
         rows = targets.rows_at(int(views.frame[index]), centers.pixel)
-        level, place = np.nonzero((rows >= 0) & (weight > 0))
+        # In the order of the Gaussians: sums are found faster.
+        place, level = np.nonzero(((rows >= 0) & (weight > 0)).T)
         row = rows[level, place]
         held.append((centers.gaussian[place] * instances + owner[row], row, weight[place]))
         if len(held) < _VIEWS_AT_ONCE and index < len(views) - 1:
@@ -69,7 +70,7 @@ def sum_votes(views: CodeViews, targets: CodeTargets) -> tuple[tuple[Ints, Ints,
         larger[np.searchsorted(every, pair)] = sums
         pair, sums = every, larger
         for pairs, row, weight in held:
-            sums[np.searchsorted(pair, pairs)] += weight[:, None] * codes[row]
+            sums[np.searchsorted(pair, pairs)] += weight[:, None] * codes.take(row, axis=0)
         held = []
     return (*np.divmod(pair, instances), sums[:, :-1], sums[:, -1]), seen
 
