@@ -102,10 +102,9 @@ def test_the_scene_at_a_time_shows_the_thing_where_it_lies(made, found):
     assert error[45:51, LEFT - 3 : LEFT + 3].mean() < 0.08 and error[:, 48:].mean() < 0.01
 
 
-def test_the_same_seed_learns_the_same(made, found, tmp_path):
-    again = learn(made, tmp_path / "histories.zarr")
-    for name in found.schema.fields:
-        np.testing.assert_array_equal(found.read(name), again.read(name))
+def test_the_same_seed_learns_the_same_however_many_ends_are_held(made, found, tmp_path, monkeypatch):
+    monkeypatch.setattr("egosplat.histories.stage._ENDS_AT_ONCE", 1)
+    assert learn(made, tmp_path / "histories.zarr").digest == found.digest
 
 
 @pytest.mark.parametrize("cosine", [0.96, 0.5])
