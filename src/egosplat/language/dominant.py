@@ -59,7 +59,6 @@ def sum_votes(views: CodeViews, targets: CodeTargets) -> tuple[tuple[Ints, Ints,
         # Each Gaussian has one pixel in a view.
         seen[centers.gaussian] += weight
         rows = targets.rows_at(int(views.frame[index]), centers.pixel)
-        # In the order of the Gaussians: sums are found faster.
         place, level = np.nonzero(((rows >= 0) & (weight > 0)).T)
         row = rows[level, place]
         held.append((centers.gaussian[place] * instances + owner[row], row, weight[place]))
