@@ -186,7 +186,7 @@ def _fill_cache(model: PublishedModel) -> None:
     from huggingface_hub.file_download import http_get, repo_folder_name
     from huggingface_hub.utils import build_hf_headers
 
-    if not ((found := _find_on_hub(model)) and found.etag):
+    if not ((found := _find_on_hub(model)) and found.etag and found.commit_hash):
         return  # hf_hub_download takes it, or tells what is wrong with the server
     names = {name: model.on_hub[name] for name in ("repo_id", "repo_type")}
     blob = Path(constants.HF_HUB_CACHE, repo_folder_name(**names), "blobs", found.etag)
