@@ -46,7 +46,7 @@ SETTINGS: dict[str, str | None] = {
     "full_pixels": "pixels",
     **{
         name: name
-        for name in (AS_GIVEN, "no_sizes", "no_names", "draft", "baseline", "occam", "occam_pixels")
+        for name in (AS_GIVEN, "no_sizes", "draft", "baseline", "occam", "occam_pixels")
     },
 }
 
@@ -62,7 +62,7 @@ CONFIGURATION: dict[str, Any] = {
     "synthetic": {"camera": "real"},
     "variants": {
         AS_GIVEN: {"metrics": {"held_out": "given"}},
-        **{f"no_{part}s": {"query": {f"{part}_weight": 0.0}} for part in ("size", "name")},
+        "no_sizes": {"query": {"size_weight": 0.0}},
     },
 }
 

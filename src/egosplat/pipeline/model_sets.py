@@ -17,7 +17,7 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "segments": {"image_size": 512},
     "view_features": {"cut": "hull"},
     "transient": {"encoder_weights": None},
-    "query": {"temperature": 10.0, "min_score": 0.7, "size_weight": 0.25, "name_weight": 0.5},
+    "query": {"temperature": 10.0, "min_score": 0.7, "size_weight": 0.25},
 }
 _OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 
@@ -29,14 +29,14 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     PHOTOS: _OF_SMALL
     | {
         "models": _OF_SMALL["models"] | {"clip_model": PHOTOS, "clip_checkpoint": PHOTOS},
-        "query": {"temperature": 10.0, "min_score": 0.62, "size_weight": 0.0, "name_weight": 0.0},
+        "query": {"temperature": 10.0, "min_score": 0.62, "size_weight": 0.0},
     },
     PUBLISHED: {
         "models": _OF_THE_PAPER | dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), PUBLISHED),
         "segments": {"image_size": None},
         "view_features": {"cut": "mask"},
         "transient": {"encoder_weights": PUBLISHED},
-        "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0, "name_weight": 0.0},
+        "query": {"temperature": 1.0, "min_score": 0.0, "size_weight": 0.0},
     },
 }
 # Fast published models for recordings; a crop would take SAM2 as long as a frame (docs/models.md#light). By OpenCLIP's table, this one

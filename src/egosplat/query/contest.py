@@ -68,7 +68,7 @@ class Contest:
 
     def _fits(self, scene: QueryScene, texts: Texts) -> Tensor:
         """(Q, K) by how much each text fits each code of Gaussians better than each canonical phrase does."""
-        texts = replace(texts, names=None, canonical=self.words.canonical)
+        texts = replace(texts, canonical=self.words.canonical)
         return torch.logit(scene.relevancy(texts, self.options)[:, scene.share.T > 0]).cpu()
 
     def _stand(self, query: Texts, fits: Tensor, usual: Tensor) -> Tensor:

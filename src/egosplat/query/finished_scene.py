@@ -407,7 +407,7 @@ class Scene:
 
     @cached_property
     def _words(self) -> Texts:
-        """Names of things, which compete with a query."""
+        """Names of things, by which a query is told from others."""
         return self.encode(words_to_try(self.clip))
 
 

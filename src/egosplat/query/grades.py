@@ -181,7 +181,7 @@ def find_history(histories: Histories, query: Texts, words: Texts, temperature: 
         return ()
     features, others = histories.features, words.queries[carried & other_meanings(query, words)]
     unnamed = fits_as_well(features, own, others)
-    scores = relevancy(features, replace(query, names=None), temperature)[:, 0]
+    scores = relevancy(features, query, temperature)[:, 0]
     score, best = scores.masked_fill(unnamed, 0.0).max(dim=0)
     if not score > LEAST_FIT:
         return ()

@@ -23,7 +23,6 @@ HELD = (
     "segmentation_threshold",
     "min_score",
     "size_weight",
-    "name_weight",
 )
 
 
@@ -58,9 +57,6 @@ class QueryOptions(Options, section="query"):
 
     size_weight: Annotated[float, Field(ge=0, le=2)] = 0.25
     """Weight of the sizes of things as evidence for names (docs/method.md#sizes); 0 asks by looks alone."""
-
-    name_weight: Annotated[float, Field(ge=0, le=1)] = 0.5
-    """Weight of the names of other things beside canonical phrases (docs/method.md#names); 0 is the paper's."""
 
     resolution: Natural = 0
     """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'
@@ -103,4 +99,4 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
 
 
 # LangSplat's protocol, used by the paper.
-LANGSPLAT = QueryOptions(min_score=0.5, size_weight=0.0, name_weight=0.0)
+LANGSPLAT = QueryOptions(min_score=0.5, size_weight=0.0)

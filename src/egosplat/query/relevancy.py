@@ -12,23 +12,22 @@ from egosplat.query.text import Texts
 # Values of the decoder's widest layer held at a time: 1 MiB of float32 fit a processor's cache.
 _NUMBERS_AT_ONCE = 2**18
 
-# The (S,) indices of codes, their (S, r) features, and how canonical phrases, (S, 1), and (S, W) names fit these; kept for the last
-# canonical phrases.
-Decoded = tuple[Tensor, Tensor, Tensor, Tensor | None]
-Kept = dict[tuple[Tensor, Tensor | None], list[Decoded]]
+# The (S,) indices of codes, their (S, r) features, and how the best canonical phrase fits these, (S, 1); kept for the last canonical
+# phrases.
+Decoded = tuple[Tensor, Tensor, Tensor]
+Kept = dict[Tensor, list[Decoded]]
 
 
 def relevancy(features: Tensor, texts: Texts, temperature: float) -> Tensor:
-    """(..., Q) float32 relevancy to queries: ``sigmoid(t (s_q - u))``, 0.5 where what competes fits as well; s are inner products.
+    """(..., Q) float32 relevancy to queries: ``sigmoid(t (s_q - s_c))``, 0.5 where the best canonical phrase c fits as well; s
+    are inner products.
 
-    ``u`` is that of the best canonical phrase; where a name of another thing fits better, it is nearer to that by what names weigh.
     (..., D) features have unit norm; where there is none, zeros or non-finite values, relevancy is 0.
     """
     # Halves would move a relevancy by 0.08 at a temperature of 10,000.
     features = features.to(torch.promote_types(features.dtype, torch.float32))
-    named = texts.names and features @ texts.names.features.to(features).T
     usual = _usual(features, texts.canonical.to(features))
-    return _over(features @ texts.queries.to(features).T, usual, named, texts, temperature)
+    return _over(features @ texts.queries.to(features).T, usual, temperature)
 
 
 def _usual(features: Tensor, canonical: Tensor) -> Tensor:
@@ -39,12 +38,8 @@ def _usual(features: Tensor, canonical: Tensor) -> Tensor:
     return torch.where(has_feature, best, torch.inf)
 
 
-def _over(fits: Tensor, usual: Tensor, named: Tensor | None, texts: Texts, temperature: float) -> Tensor:
-    """(..., Q) relevancy by (..., Q) and (..., W) inner products with queries and names."""
-    if texts.names is not None and named is not None:
-        others = texts.names.others.to(named.device)
-        best = torch.stack([named.masked_fill(~own, -torch.inf).amax(dim=-1) for own in others], dim=-1)
-        usual = usual + texts.names.weight * (best - usual).clamp(min=0.0)
+def _over(fits: Tensor, usual: Tensor, temperature: float) -> Tensor:
+    """(..., Q) relevancy by (..., Q) and (..., 1) inner products with queries and the best canonical phrase."""
     # The paper takes the minimum over canonical phrases c of exp(t s_q) / (exp(t s_q) + exp(t s_c)). The sigmoid of the
     # difference is equal and does not overflow.
     return torch.where(usual < torch.inf, torch.sigmoid(temperature * (fits - usual)), 0.0)
@@ -60,13 +55,13 @@ def relevancy_maps(
     if not texts.phrases:
         return maps.reshape(-1, *seen.shape)
     decoded: Iterable[Decoded] = _decoded(codes, seen, decoder, texts)
-    if kept is not None and (key := (texts.canonical, texts.names and texts.names.features)) not in kept:
+    if kept is not None and texts.canonical not in kept:
         kept.clear()
-        kept[key] = [*decoded]
-    decoded = decoded if kept is None else kept[key]
+        kept[texts.canonical] = [*decoded]
+    decoded = decoded if kept is None else kept[texts.canonical]
     queries = project(texts.queries.to(maps), decoder.folded[1])
-    for chosen, features, usual, named in decoded:
-        maps.index_copy_(1, chosen, _over(features @ queries.T, usual, named, texts, temperature).T)
+    for chosen, features, usual in decoded:
+        maps.index_copy_(1, chosen, _over(features @ queries.T, usual, temperature).T)
     return maps.reshape(-1, *seen.shape)
 
 
@@ -76,8 +71,6 @@ def _decoded(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts) -> Ite
     if not all_finite(rows):
         raise ValueError("codes hold numbers that are not finite")
     canonical = project(texts.canonical.to(rows), basis)
-    names = texts.names and project(texts.names.features.to(rows), basis)
     for chosen in seen.flatten().nonzero()[:, 0].split(_NUMBERS_AT_ONCE // max(folded.widths)):
         features = decode(rows[chosen], folded)
-        named = None if names is None else features @ names.T
-        yield chosen, features, _usual(features, canonical), named
+        yield chosen, features, _usual(features, canonical)

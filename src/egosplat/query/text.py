@@ -4,7 +4,7 @@ import difflib
 import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -44,32 +44,19 @@ def words_to_try(clip: OpenClip) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Names:
-    """W names of things, (W, D) float32 of unit norm, those that mean something else than each of Q queries, (Q, W) bool, and what they
-    weigh beside canonical phrases, 0..1."""
-
-    features: Tensor
-    others: Tensor
-    weight: float
-
-
-@dataclass(frozen=True, eq=False)
 class Texts:
-    """Q queries with their features, (Q, D) float32 of unit norm, and those of K canonical phrases, (K, D), K at least 1; and the names
-    that compete with the queries, if any do."""
+    """Q queries with their features, (Q, D) float32 of unit norm, and those of K canonical phrases, (K, D), K at least 1."""
 
     phrases: tuple[str, ...]
     queries: Tensor
     canonical: Tensor
-    names: Names | None = None
 
     def of(self, phrases: Sequence[str]) -> "Texts":
         """Select queries, in the order of the given phrases."""
         return self._rows([self.phrases.index(phrase) for phrase in phrases])
 
     def _rows(self, rows: Sequence[int]) -> "Texts":
-        names = self.names and replace(self.names, others=self.names.others[rows])
-        return Texts(tuple(self.phrases[row] for row in rows), self.queries[rows], self.canonical, names)
+        return Texts(tuple(self.phrases[row] for row in rows), self.queries[rows], self.canonical)
 
     def in_batches(self, numbers: int) -> Iterator["Texts"]:
         """Split the queries, in order, into batches of at most ``AT_ONCE`` relevancies; a query has this number of them."""
@@ -79,14 +66,8 @@ class Texts:
 
 
 def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) -> Texts:
-    """Encode queries, canonical phrases and names of things as they are, without a prompt template (docs/method.md#query-text)."""
-    texts = Texts(tuple(phrases), encode_phrases(clip, phrases), _encode_again(clip, options.canonical))
-    known = words_to_try(clip)
-    if not (options.name_weight and phrases and known):
-        return texts
-    words = Texts(known, _encode_again(clip, known), texts.canonical)
-    others = torch.stack([other_meanings(texts.of([phrase]), words) for phrase in phrases])
-    return replace(texts, names=Names(words.queries, others, options.name_weight))
+    """Encode queries and canonical phrases as they are, without a prompt template (docs/method.md#query-text)."""
+    return Texts(tuple(phrases), encode_phrases(clip, phrases), _encode_again(clip, options.canonical))
 
 
 def other_meanings(query: Texts, words: Texts, nearest: int = 0) -> Tensor:

@@ -85,7 +85,7 @@ def _about(scene: Scene, options: ScenePageOptions) -> Facts:
     settings, clip = scene.trained.settings, scene.encoded.facts["clip"]
     grading = scene.grading(options)
     raster = {"margin": FRUSTUM_MARGIN, "blur": Arguments.__dataclass_fields__["eps2d"].default}
-    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score", "name_weight")
+    keys = ("temperature", "segmentation_threshold", "box_filter", "min_score")
     limits = asdict(grading) | {"nearest": NEAREST, "reach": REACH}
     limits |= {"least": LEAST_GAUSSIANS, "same": SAME, "apart": APART, "fits": grades.LEAST_FIT}
     limits |= {"synonym": SYNONYM, "parts": PARTS}

@@ -21,7 +21,7 @@ def test_the_probability_is_the_logistic_of_the_evidence():
 
 
 OTHERS = {"temperature": 5.0, "min_score": 0.5, "box_filter": 0.0, "segmentation_threshold": 0.5}
-OTHERS |= {"canonical": ("thing",), "size_weight": 0.0, "name_weight": 0.0}
+OTHERS |= {"canonical": ("thing",), "size_weight": 0.0}
 
 
 def test_a_fit_holds_for_its_openclip_and_its_keys_alone_and_the_bundled_one_has_a_fit(monkeypatch):

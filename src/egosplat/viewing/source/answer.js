@@ -1,29 +1,14 @@
 // Answers of the whole scene: egosplat/query/relevancy.py and things.py on the palette.
 
-// Relevancy of each palette entry of each level to a phrase: sigmoid(t (s_q - u)), of what competes with it.
-function paletteRelevancy(scene, vector, phrase) {
-  const { channels, paletteSize, facts: { query } } = scene, isOther = otherMeanings(scene, phrase, vector);
-  scene.competing ??= scene.palette.map((entries) => ({
-    usual: fitsOf(entries, scene.canonical, channels, paletteSize).map((fits) => Math.max(...fits)),
-    named: query.name_weight ? fitsOf(entries, scene.wordVectors, channels, paletteSize) : null,
+// Relevancy of each palette entry of each level to a phrase: sigmoid(t (s_q - s_c)), of the best canonical phrase; 0 without a feature.
+function paletteRelevancy(scene, vector) {
+  const { channels, paletteSize, canonical, facts: { query } } = scene;
+  return scene.palette.map((entries) => Float32Array.from({ length: paletteSize }, (_, entry) => {
+    const feature = entries.subarray(entry * channels, (entry + 1) * channels);
+    if (feature.every((value) => value === 0)) return 0;
+    const fit = dot(feature, 0, vector) - Math.max(...canonical.map((other) => dot(feature, 0, other)));
+    return 1 / (1 + Math.exp(-query.temperature * fit));
   }));
-  return scene.palette.map((entries, level) => {
-    const { usual, named } = scene.competing[level];
-    return Float32Array.from({ length: paletteSize }, (_, entry) => {
-      if (Number.isNaN(usual[entry])) return 0;
-      const best = named ? named[entry].reduce((most, fit, word) => (isOther[word] && fit > most ? fit : most), usual[entry]) : usual[entry];
-      const fit = dot(entries, entry * channels, vector) - usual[entry] - query.name_weight * (best - usual[entry]);
-      return 1 / (1 + Math.exp(-query.temperature * fit));
-    });
-  });
-}
-
-// How vectors fit each entry; NaN for one without a feature.
-function fitsOf(entries, vectors, channels, size) {
-  return Array.from({ length: size }, (_, entry) => {
-    const feature = entries.subarray(entry * channels, (entry + 1) * channels), has = feature.some((value) => value !== 0);
-    return vectors.map((vector) => (has ? dot(feature, 0, vector) : NaN));
-  });
 }
 
 function dot(values, from, vector) {
@@ -35,7 +20,7 @@ function dot(values, from, vector) {
 // Relevancy of each Gaussian at each level; 0 where it has no code or no frame shows it.
 function gaussianRelevancy(scene, vector, phrase) {
   const told = sizesTell(scene, phrase);
-  return paletteRelevancy(scene, vector, phrase).map((entries, level) => {
+  return paletteRelevancy(scene, vector).map((entries, level) => {
     const weight = scene.weights[level], fit = relevancyAt(scene, entries, level, told);
     return Float32Array.from({ length: scene.count }, (_, one) => (weight[one] > 0 ? fit(one) : 0));
   });

@@ -50,7 +50,7 @@ function alphaAt(scene, camera, focal, [width, height], one, [u, v, z], x, y, ra
 // Relevancy of a Gaussian to a word of the page's list, for each level; that of the palette is computed once.
 function wordRelevancy(scene, number) {
   scene.wordRelevancy ??= [];
-  return (scene.wordRelevancy[number] ??= paletteRelevancy(scene, scene.wordVectors[number], scene.facts.words[number]).map((entries, level) =>
+  return (scene.wordRelevancy[number] ??= paletteRelevancy(scene, scene.wordVectors[number]).map((entries, level) =>
     relevancyAt(scene, entries, level, sizesTell(scene, scene.facts.words[number]))));
 }
 
