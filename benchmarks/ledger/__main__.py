@@ -44,10 +44,7 @@ from egosplat_rivals.scored_scenes import FULL, ScoredScene
 SETTINGS: dict[str, str | None] = {
     FULL: None,
     "full_pixels": "pixels",
-    **{
-        name: name
-        for name in (AS_GIVEN, "no_sizes", "draft", "baseline", "occam", "occam_pixels")
-    },
+    **{name: name for name in (AS_GIVEN, "no_sizes", "draft", "baseline", "occam", "occam_pixels")},
 }
 
 # What --release adds.

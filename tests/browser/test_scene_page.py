@@ -175,7 +175,7 @@ def test_an_answer_is_that_of_python(scene, page_scene, data, clip, words):
     [values] = known.relevancy(encode_texts(clip, [words], options), options).numpy()
     things = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
     grading = grading_of(CLIP_HASH, options)
-    ratings = list(map(grading.calibration.probability, measure_evidence(things)))
+    ratings = list(map(grading.calibration.probability, measure_evidence(things, facts["levels"])))
     found = scene().evaluate(ASK, words)
     assert (found["score"], found["rating"]) == pytest.approx((things[0].score, ratings[0]), abs=1e-3)
     assert found["grade"] == grading.grade(ratings[0])

@@ -19,8 +19,8 @@ NOTHING = "nothing is visible here"
 class Evidence:
     """What tells whether a thing is what a query means."""
 
-    # Logarithm of its share of the view that shows it best.
-    size: float
+    # Where its level of detail is: a share of those that are as fine or finer.
+    level: float
     # Log-odds of its score.
     fit: float
     # Its score less the best score of another thing that matches the query; 0 stands for none.

@@ -73,7 +73,7 @@ def run(scene: Scene, labels: Path) -> Iterator[str]:
         least = f"give {LEAST} or more, {LEAST_OF_A_KIND} of them right and {LEAST_OF_A_KIND} absent"
         raise UserError(f"{labels}: judges {len(kinds)} phrases that have an answer, {told}; {least}")
     path, about = scene.folder / OWN_FITS, (scene.encoded.facts["clip"]["hash"], scene.options, "own")
-    evidence = np.array([astuple(measure_evidence(one.candidates)[0]) for one in answers])
+    evidence = np.array([astuple(measure_evidence(one.candidates, scene.levels)[0]) for one in answers])
     write_fit(path, about, evidence, (kinds == "right").astype(float), (kinds != "absent").astype(float))
     yield f"{path}: fitted to {told}"
     yield "Queries take it from now on, the page when it is written anew, other scenes of this OpenCLIP with a copy."

@@ -325,7 +325,7 @@ class Scene:
         if self.contest:
             things = self.contest.rate(query, things, options.min_score)
         fit = grading.calibration
-        pairs = zip(things, grades.measure_evidence(things), strict=True)
+        pairs = zip(things, grades.measure_evidence(things, self.levels), strict=True)
         things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
         coded = bool(things) or bool((self.trained.share > 0).any())
         answer = grades.judge(phrase, things, explain_untaught(self.clip, phrase), grading, most, coded)

@@ -38,9 +38,6 @@ FITS = Path(__file__).with_name("fits.csv")
 # Relevancy from which a thing may be what a query means: it is as like the query as the most alike canonical phrase.
 LEAST_FIT = 0.5
 
-# A share of a view below it counts as this much.
-_LEAST_SHARE = 1e-9
-
 
 @dataclass(frozen=True)
 class Calibration:
@@ -159,13 +156,14 @@ def read_fits(path: Path | None = None) -> dict[str, dict[str, str]]:
         raise UserError(f"{path or FITS}: {what}") from None
 
 
-def measure_evidence(things: Sequence[Thing]) -> list[Evidence]:
-    """Measure for each of the best things, compared with the others, the evidence that it is what a query means."""
+def measure_evidence(things: Sequence[Thing], levels: Sequence[str]) -> list[Evidence]:
+    """Measure for each of the best things, compared with the others, the evidence that it is what a query means; levels from fine to
+    coarse."""
     scores, measured = [thing.score for thing in things], []
     for row, thing in enumerate(things):
         apart = thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)
-        size = math.log(max(thing.share, _LEAST_SHARE))
-        measured.append(Evidence(size, log_odds(thing.score), apart))
+        level = (levels.index(thing.level) + 1) / len(levels)
+        measured.append(Evidence(level, log_odds(thing.score), apart))
     return measured
 
 

@@ -1,6 +1,5 @@
 """Answer queries by the tracks of what moves, which is masked and has no Gaussians (docs/method.md#seen-moving)."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +88,7 @@ class Tracks:
         fit = float(weight @ fits / weight.sum())
         rating = fit * largest / (largest + options.box_filter**2)
         if (fitted := grading.calibration) is not None:
-            rating = fitted.probability(Evidence(math.log(largest), log_odds(fit), rating))
+            rating = fitted.probability(Evidence(1.0, log_odds(fit), rating))
         certain = rating >= _LEAST_RATING and grading.grade(rating) == FOUND
         return self._moving(chosen, rating, seconds) if certain else None
 

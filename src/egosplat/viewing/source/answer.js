@@ -175,7 +175,7 @@ function ratingOf(scene, thing, things) {
   const { calibration } = scene.facts.query;
   if (!calibration) return thing.score;
   const next = Math.max(0, ...things.filter((other) => other !== thing).map((other) => other.score));
-  const evidence = { apart: thing.score - next, size: Math.log(Math.max(thing.share, 1e-9)), fit: logOdds(thing.score) };
+  const evidence = { apart: thing.score - next, level: (thing.level + 1) / scene.facts.levels.length, fit: logOdds(thing.score) };
   const sum = Object.entries(calibration.weights).reduce((part, [name, weight]) => part + weight * evidence[name], calibration.intercept);
   return 1 / (1 + Math.exp(-sum));
 }
