@@ -25,6 +25,8 @@ class Evidence:
     fit: float
     # Its score less the best score of another thing that matches the query; 0 stands for none.
     apart: float
+    # By how much its log-odds, of looks alone, are above those of the best name of another thing, and of every canonical phrase.
+    lead: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,13 +16,13 @@ from egosplat.geometry import Array
 from egosplat.pipeline.home import OWN_FITS
 from egosplat.query.answers import Evidence
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import held_keys, measure_evidence, read_fits
+from egosplat.query.grades import held_keys, read_fits
 from egosplat.query.options import QueryOptions
 
 # A file of judgements: the best answer to a phrase is right or wrong, or the thing is absent.
 COLUMNS, KINDS = ["phrase", "label"], ("right", "wrong", "absent")
 
-# Fewest judgements, and fewest right ones and absent ones among them: three weights follow from them.
+# Fewest judgements, and fewest right ones and absent ones among them: four weights follow from them.
 LEAST, LEAST_OF_A_KIND = 20, 5
 
 # Penalty on the squares of the weights, but for the intercept: it keeps them finite without a wrong answer.
@@ -51,7 +51,7 @@ def write_fit(
     path: Path, about: tuple[str, QueryOptions, str], evidence: Array, right: Array, present: Array
 ) -> None:
     """Write a fit into a file of fits, in place of the last one of its OpenCLIP; ``about`` is that, the options
-    and the scenes. Answers have (N, 3) evidence; 1 are those that are right, and those whose thing is there."""
+    and the scenes. Answers have (N, 4) evidence; 1 are those that are right, and those whose thing is there."""
     clip, options, scenes = about
     names = ("intercept", *Evidence.__dataclass_fields__, "present_share", "misplaced")
     values = (*fit_logistic(evidence, right), *errors(present, right))
@@ -73,7 +73,7 @@ def run(scene: Scene, labels: Path) -> Iterator[str]:
         least = f"give {LEAST} or more, {LEAST_OF_A_KIND} of them right and {LEAST_OF_A_KIND} absent"
         raise UserError(f"{labels}: judges {len(kinds)} phrases that have an answer, {told}; {least}")
     path, about = scene.folder / OWN_FITS, (scene.encoded.facts["clip"]["hash"], scene.options, "own")
-    evidence = np.array([astuple(measure_evidence(one.candidates, scene.levels)[0]) for one in answers])
+    evidence = np.array([astuple(one.candidates[0].evidence) for one in answers])
     write_fit(path, about, evidence, (kinds == "right").astype(float), (kinds != "absent").astype(float))
     yield f"{path}: fitted to {told}"
     yield "Queries take it from now on, the page when it is written anew, other scenes of this OpenCLIP with a copy."

@@ -1,4 +1,5 @@
-"""How a query stands among words of homes, for models without a calibration (docs/models.md#calibrate)."""
+"""How a query stands among other words: as evidence for grades, and among words of homes for models without a calibration
+(docs/models.md#calibrate)."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -21,6 +22,32 @@ WORDS, _NEAREST = Path(__file__).with_name("household.txt"), 12
 _OF_SCENE, _OF_THING = 2048, 256
 
 
+def _log_odds(scene: QueryScene, texts: Texts, options: QueryOptions) -> Tensor:
+    """(Q, K) log-odds of the relevancy of each code of Gaussians, on the CPU."""
+    return torch.logit(scene.relevancy(texts, options)[:, scene.share.T > 0], eps=1e-6).cpu()
+
+
+def fits_of(scene: QueryScene, thing: Thing, texts: Texts, options: QueryOptions) -> Tensor:
+    """(Q,) mean log-odds of the relevancy of a thing's Gaussians, by looks alone."""
+    rows = torch.from_numpy(thing.members)[evenly_spaced(len(thing.members), _OF_THING)]
+    level = scene.of_level(scene.levels.index(thing.level))
+    some = replace(level, code=level.code[rows], share=level.share[rows], sizes=None)
+    return _log_odds(some, texts, options).mean(dim=1)
+
+
+def lead_of(scene: QueryScene, thing: Thing, query: Texts, words: Texts, options: QueryOptions) -> float:
+    """By how much the log-odds of one query are above those of words of other meanings, and of canonical phrases, at a thing."""
+    others = other_meanings(query, words).tolist()
+    names = words.of([word for word, is_other in zip(words.phrases, others, strict=True) if is_other])
+    own, *rest = (
+        float(fit)
+        for texts in (query, names)
+        if texts.phrases
+        for fit in fits_of(scene, thing, texts, options)
+    )
+    return own - max(0.0, *rest)
+
+
 class Contest:
     """Words of homes against which a query has to win, by the softmax that an OpenCLIP was trained with.
 
@@ -37,12 +64,13 @@ class Contest:
         self.options, self.scene = options.change(temperature=1.0), replace(scene, sizes=None)
         self.scale = float(clip.model.logit_scale.exp())
         coded = (scene.share > 0).any(dim=1).nonzero()[:, 0].cpu()
-        self.sample = self._of(self.scene, coded[evenly_spaced(len(coded), _OF_SCENE)])
-        self.usual = self._fits(self.sample, self.words).mean(dim=1)
+        rows = coded[evenly_spaced(len(coded), _OF_SCENE)]
+        self.sample = replace(self.scene, code=scene.code[rows], share=scene.share[rows])
+        self.usual = self._fits(self.words).mean(dim=1)
 
     def best(self, query: Texts) -> float:
         """How well one query stands where it stands best, 0 to 1."""
-        fits = self._fits(self.sample, self._with(query))
+        fits = self._fits(self._with(query))
         return float(self._stand(query, fits, fits.mean(dim=1)).amax()) if fits.numel() else 0.0
 
     def rate(self, query: Texts, things: Sequence[Thing], least: float) -> list[Thing]:
@@ -50,26 +78,20 @@ class Contest:
 
         That becomes their score, or 0 where their score is below the ``least``.
         """
-        usual, rated = torch.cat([self.usual, self._fits(self.sample, query).mean(dim=1)]), []
+        usual, rated = torch.cat([self.usual, self._fits(query).mean(dim=1)]), []
         for thing in things:
-            rows = torch.from_numpy(thing.members)[evenly_spaced(len(thing.members), _OF_THING)]
-            level = self.scene.of_level(self.scene.levels.index(thing.level))
-            fits = self._fits(self._of(level, rows), self._with(query)).mean(dim=1, keepdim=True)
+            fits = fits_of(self.scene, thing, self._with(query), self.options)[:, None]
             stands = float(self._stand(query, fits, usual))
             rated.append(replace(thing, score=stands if thing.score >= least else 0.0))
         return sorted(rated, key=lambda one: -one.score)
-
-    def _of(self, scene: QueryScene, rows: Tensor) -> QueryScene:
-        return replace(scene, code=scene.code[rows], share=scene.share[rows])
 
     def _with(self, query: Texts) -> Texts:
         queries = torch.cat([self.words.queries, query.queries])
         return replace(self.words, phrases=(*self.words.phrases, ""), queries=queries)
 
-    def _fits(self, scene: QueryScene, texts: Texts) -> Tensor:
-        """(Q, K) by how much each text fits each code of Gaussians better than each canonical phrase does."""
-        texts = replace(texts, canonical=self.words.canonical)
-        return torch.logit(scene.relevancy(texts, self.options)[:, scene.share.T > 0]).cpu()
+    def _fits(self, texts: Texts) -> Tensor:
+        """(Q, K) by how much each text fits each code of the sample better than each canonical phrase does."""
+        return _log_odds(self.sample, replace(texts, canonical=self.words.canonical), self.options)
 
     def _stand(self, query: Texts, fits: Tensor, usual: Tensor) -> Tensor:
         """(K,) share of the query among words of other meanings, by (W + 1, K) fits, its own last, and (W + 1,) usual

@@ -156,14 +156,16 @@ def read_fits(path: Path | None = None) -> dict[str, dict[str, str]]:
         raise UserError(f"{path or FITS}: {what}") from None
 
 
-def measure_evidence(things: Sequence[Thing], levels: Sequence[str]) -> list[Evidence]:
-    """Measure for each of the best things, compared with the others, the evidence that it is what a query means; levels from fine to
-    coarse."""
+def measure_evidence(
+    things: Sequence[Thing], leads: Sequence[float], levels: Sequence[str]
+) -> list[Evidence]:
+    """Measure for each of the best things, compared with the others, the evidence that it is what a query means, by its lead and the
+    levels from fine to coarse."""
     scores, measured = [thing.score for thing in things], []
     for row, thing in enumerate(things):
         apart = thing.score - max(scores[:row] + scores[row + 1 :], default=0.0)
         level = (levels.index(thing.level) + 1) / len(levels)
-        measured.append(Evidence(level, log_odds(thing.score), apart))
+        measured.append(Evidence(level, log_odds(thing.score), apart, leads[row]))
     return measured
 
 

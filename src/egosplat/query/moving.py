@@ -88,7 +88,10 @@ class Tracks:
         fit = float(weight @ fits / weight.sum())
         rating = fit * largest / (largest + options.box_filter**2)
         if (fitted := grading.calibration) is not None:
-            rating = fitted.probability(Evidence(1.0, log_odds(fit), rating))
+            rivals = Texts(query.phrases, others, query.canonical)
+            others_fit = relevancy(self.feature, rivals, options.temperature).amax(dim=1).clamp(min=0.5)
+            lead = log_odds(fit) - log_odds(float(weight @ others_fit.numpy() / weight.sum()))
+            rating = fitted.probability(Evidence(1.0, log_odds(fit), rating, lead))
         certain = rating >= _LEAST_RATING and grading.grade(rating) == FOUND
         return self._moving(chosen, rating, seconds) if certain else None
 

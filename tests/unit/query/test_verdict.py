@@ -11,13 +11,13 @@ from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence
 from egosplat.query.options import LANGSPLAT, QueryOptions
 from egosplat.query.text import Texts, other_meanings
 
-FIT = Calibration(-1.0, {"level": 0.25, "fit": 1.0, "apart": 2.0}, 0.7)
+FIT = Calibration(-1.0, {"level": 0.25, "fit": 1.0, "apart": 2.0, "lead": 3.0}, 0.7)
 
 
 def test_the_probability_is_the_logistic_of_the_evidence():
-    expected = 1 / (1 + math.exp(-(-1.0 - 0.25 * 4.0 + 3.0 + 2.0 * 0.5)))
-    assert FIT.probability(Evidence(-4.0, 3.0, 0.5)) == pytest.approx(expected)
-    assert [FIT.probability(Evidence(0.0, fit, 0.0)) for fit in (1e6, -1e6)] == [1.0, 0.0]
+    expected = 1 / (1 + math.exp(-(-1.0 + 0.25 * 0.5 + 3.0 + 2.0 * 0.5 - 3.0 * 0.25)))
+    assert FIT.probability(Evidence(0.5, 3.0, 0.5, -0.25)) == pytest.approx(expected)
+    assert [FIT.probability(Evidence(0.0, fit, 0.0, 0.0)) for fit in (1e6, -1e6)] == [1.0, 0.0]
 
 
 OTHERS = {"temperature": 5.0, "min_score": 0.5, "box_filter": 0.0, "segmentation_threshold": 0.5}
@@ -27,10 +27,16 @@ OTHERS |= {"canonical": ("thing",), "size_weight": 0.0}
 def test_a_fit_holds_for_its_openclip_and_its_keys_alone_and_the_bundled_one_has_a_fit(monkeypatch):
     bundled = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
     assert grades.grading_of(bundled, QueryOptions()).calibration is not None
-    row = grades.held_keys(QueryOptions()) | {"intercept": "-1", "level": "2", "fit": "3", "apart": "4"}
+    row = grades.held_keys(QueryOptions()) | {
+        "intercept": "-1",
+        "level": "2",
+        "fit": "3",
+        "apart": "4",
+        "lead": "5",
+    }
     row |= {"present_share": "0.4", "misplaced": "0.2"}
     monkeypatch.setattr(grades, "read_fits", lambda: {"cafe": row})
-    own = Calibration(-1.0, {"level": 2.0, "fit": 3.0, "apart": 4.0}, 0.4)
+    own = Calibration(-1.0, {"level": 2.0, "fit": 3.0, "apart": 4.0, "lead": 5.0}, 0.4)
     assert grades.grading_of("cafe", QueryOptions(present_share=0.4)).calibration == own
     # Who asks of nothing that is absent meets the fifth of the errors that is on what is there.
     [sure] = [grades.grading_of("cafe", QueryOptions(present_share=1.0)).calibration]

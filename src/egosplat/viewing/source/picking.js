@@ -49,9 +49,12 @@ function alphaAt(scene, camera, focal, [width, height], one, [u, v, z], x, y, ra
 
 // Relevancy of a Gaussian to a word of the page's list, for each level; that of the palette is computed once.
 function wordRelevancy(scene, number) {
-  scene.wordRelevancy ??= [];
-  return (scene.wordRelevancy[number] ??= paletteRelevancy(scene, scene.wordVectors[number]).map((entries, level) =>
-    relevancyAt(scene, entries, level, sizesTell(scene, scene.facts.words[number]))));
+  return paletteOfWord(scene, number).map((entries, level) => relevancyAt(scene, entries, level, sizesTell(scene, scene.facts.words[number])));
+}
+
+function paletteOfWord(scene, number) {
+  scene.paletteOfWord ??= [];
+  return (scene.paletteOfWord[number] ??= paletteRelevancy(scene, scene.wordVectors[number]));
 }
 
 // The words that fit what a pixel shows, best first, each at the level where it fits best; and its instances.
