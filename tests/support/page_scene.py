@@ -11,6 +11,7 @@ import torch
 
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
+from egosplat.language.vectors import unit
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat.query.finished_scene import open_scene
@@ -58,6 +59,8 @@ def put_page_scene(
     poses[3] = np.nan
     meant = np.digitize(gaussians.means[:, 0].numpy(), [-0.5, 0.5])
     words = encode_phrases(load_open_clip("small", "small", "cpu", "float32"), WORDS).numpy()
+    # Pictures of things are less alike than their names.
+    words = unit(words - words.mean(axis=0)).astype(np.float32)
     vectors = words[meant]
     small = {"clip_model": "small", "clip_checkpoint": "small"}
     digest = model_hash(CLIP, small)

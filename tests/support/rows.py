@@ -26,7 +26,7 @@ def some_rows() -> Rows:
                 right = None if absent else hit
                 # What is right has more evidence of each kind.
                 sure = float(bool(right)) + rng.normal(0, 0.5)
-                graded = ("found" if hit else "not found", 0.5, sure - 5, sure, 0.1)
+                graded = ("found" if hit else "not found", 0.5, sure - 5, sure, 0.1, sure)
                 listed["presence"].append(
                     (scene, setting, f"thing {number}", int(not absent), 0.8, hit, untaught, right, *graded)
                 )

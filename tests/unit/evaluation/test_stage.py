@@ -119,7 +119,7 @@ def test_the_whole_scene_is_asked_for_what_is_there_and_what_is_not(word_scene):
     assert rows["spaceship"]["untaught"] and rows["basketball"]["right"] is None
     # A limit of one's own is no calibration; the evidence is there all the same.
     assert rows["couch"]["grade"] == "found" and rows["couch"]["probability"] is None
-    assert rows["couch"]["evidence"]["fit"] > 0 > rows["basketball"]["evidence"]["fit"]
+    assert rows["couch"]["evidence"]["lead"] > 0 > rows["basketball"]["evidence"]["lead"]
 
 
 def test_a_run_tells_its_setup_and_its_log_ends_with_notice_and_alarms(word_scene, usual, monkeypatch, capfd):

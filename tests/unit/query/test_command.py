@@ -32,15 +32,15 @@ def query(run_command):
 
 @pytest.fixture
 def fitted(monkeypatch):
-    """``fitted(found=..., guess=...)``: the bundled OpenCLIP has a fit of the score, and grades these limits."""
+    """``fitted(found=..., guess=...)``: the bundled OpenCLIP has a fit of the lead, and grades these limits."""
 
     def fit(found: float, guess: float = 0.3) -> None:
         row = held_keys(QueryOptions()) | {
             "intercept": "0",
             "level": "0",
-            "fit": "1",
+            "fit": "0",
             "apart": "0",
-            "lead": "0",
+            "lead": "2",
         }
         row |= {"present_share": "0.7", "misplaced": "0"}
         monkeypatch.setattr(calibration, "LEAST_FOUND", found)
