@@ -144,7 +144,8 @@ def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     if answer.refusal:
         graded = answer.rating > 0 and not answer.untaught
         # What moves is masked: a carried thing is found nowhere, and yet known.
-        reason = "carried about: not found among what stays" if answer.history else answer.refusal
+        is_carried = answer.history and not (answer.question and answer.question.relation)
+        reason = "carried about: not found among what stays" if is_carried else answer.refusal
         return [(answer.asked, f"{reason} ({grading.measure} {shown})" if graded else reason)]
     if view is not None and view.pixel is not None and view.level is not None:
         pixel = f"{view.pixel[0]}, {view.pixel[1]}"

@@ -9,7 +9,7 @@ from egosplat.models.clip import OpenClip
 from egosplat.query.text import WORDS, clean_phrase, refuse_phrase, untaught_words
 
 # By name a pattern of Python and JavaScript.
-PATTERNS = {name: WORDS[name] for name in ("list", "look", "anything", "pairs")} | {
+PATTERNS = {name: WORDS[name] for name in ("list", "look", "anything", "anyone", "pairs")} | {
     "lead": rf"^(?:{'|'.join(WORDS['lead'])})[\s,:]+",
     "trail": rf"(?:[\s,]*[?!.…。？！]+|[\s,]+(?:{'|'.join(WORDS['trail'])}))$",
     "relation": rf"(?:^|\s+)(?:(?:{WORDS['verbs']})\s+)*(?:{'|'.join(f'({said})' for said in WORDS['relations'].values())})\s+(?=\S)",
@@ -120,6 +120,8 @@ def _asked(clip: OpenClip, phrase: str) -> Question:
     """A question for a thing, by a singular that the model was taught where it was not taught the plural."""
     if _search("anything", phrase):
         return Question("")
+    if _search("anyone", phrase):
+        phrase = "person"
     for word in untaught_words(clip, phrase) if isinstance(clip.words, frozenset) else ():
         singulars = (re.sub(end, own, word) for end, own in WORDS["plurals"] if re.search(end, word))
         singular = next((one for one in singulars if not untaught_words(clip, one)), word)

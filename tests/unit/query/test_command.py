@@ -19,8 +19,9 @@ from egosplat.query import command, finished_scene, things
 from egosplat.query import grades as calibration
 from egosplat.query.answers import Answer, ViewMatch
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.grades import held_keys
+from egosplat.query.grades import by_score, held_keys
 from egosplat.query.options import QueryOptions
+from egosplat.query.reading import Question
 from egosplat.viewing.command import page_options
 from egosplat.viewing.options import PageOptions
 
@@ -260,3 +261,11 @@ def test_a_long_refusal_does_not_widen_a_column(tmp_path):
     edges = np.flatnonzero(np.diff(np.r_[0, inked.astype(int), 0]))
     widths = np.sort(edges[1::2] - edges[::2])[-3:]
     assert widths.min() > 0.95 * widths.max() > 0.2 * page.shape[1]
+
+
+def test_what_is_carried_and_does_not_stand_so_is_told_so():
+    question = Question("cushion", "on", (Question("couch"),), typed="cushion on the couch")
+    why = "a cushion, but not on a couch"
+    answer = Answer("cushion", "not found", 0.9, refusal=why, history=("carried",), question=question)
+    assert command.answer_rows(answer, by_score(0.95))[0][1].startswith(why)
+    assert command.answer_rows(replace(answer, question=None), by_score(0.95))[0][1].startswith("carried about")

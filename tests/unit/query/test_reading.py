@@ -20,6 +20,7 @@ cup and book under the desk = cup under desk + book under desk
 pillow between the couch and the armchair = pillow between couch and armchair
 what is on the desk | what's on the desk? | show me everything on the desk = anything on desk
 what's in this room? | what do you see? = anything
+who was here? | is anybody there? = person
 chair in front of the desk = chair in front of desk
 lamp to the left of the cup next to the bed = lamp left of cup next to bed
 chairs by the table = chair next to table

@@ -292,6 +292,7 @@ function readQuestion(facts, names, text) {
 function readName(facts, phrase) {
   const { reading, taught, words, tower } = facts, known = taught ?? (tower ? null : words);
   if (matches(reading.anything, phrase)) return "";
+  if (matches(reading.anyone, phrase)) return "person";
   const isKnown = (word) => known.includes(word.toLowerCase());
   const singular = (word) => reading.plurals.filter(([end]) => matches(end, word)).map(([end, own]) => word.toLowerCase().replace(new RegExp(end, "iu"), own)).find(isKnown);
   return known ? phrase.replace(/[\p{L}\p{N}]+/gu, (word) => (isKnown(word) || matches(reading.pairs, word) ? word : singular(word) ?? word)) : phrase;
