@@ -36,14 +36,8 @@ def fitted(monkeypatch):
     """``fitted(found=..., guess=...)``: the bundled OpenCLIP has a fit of the lead, and grades these limits."""
 
     def fit(found: float, guess: float = 0.3) -> None:
-        row = held_keys(QueryOptions()) | {
-            "intercept": "0",
-            "level": "0",
-            "fit": "0",
-            "apart": "0",
-            "lead": "2",
-        }
-        row |= {"present_share": "0.7", "misplaced": "0"}
+        row = held_keys(QueryOptions()) | dict.fromkeys(("intercept", "level", "fit", "apart"), "0")
+        row |= {"lead": "2", "present_share": "0.7", "misplaced": "0"}
         monkeypatch.setattr(calibration, "LEAST_FOUND", found)
         monkeypatch.setattr(calibration, "LEAST_GUESS", guess)
         digest = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
@@ -268,4 +262,6 @@ def test_what_is_carried_and_does_not_stand_so_is_told_so():
     why = "a cushion, but not on a couch"
     answer = Answer("cushion", "not found", 0.9, refusal=why, history=("carried",), question=question)
     assert command.answer_rows(answer, by_score(0.95))[0][1].startswith(why)
-    assert command.answer_rows(replace(answer, question=None), by_score(0.95))[0][1].startswith("carried about")
+    assert command.answer_rows(replace(answer, question=None), by_score(0.95))[0][1].startswith(
+        "carried about"
+    )
