@@ -59,8 +59,7 @@ def put_page_scene(
     poses[3] = np.nan
     meant = np.digitize(gaussians.means[:, 0].numpy(), [-0.5, 0.5])
     words = encode_phrases(load_open_clip("small", "small", "cpu", "float32"), WORDS).numpy()
-    # Pictures of things are less alike than their names.
-    words = unit(words - words.mean(axis=0)).astype(np.float32)
+    words = unit(words - words.mean(axis=0)).astype(np.float32)  # pictures are less alike than names
     vectors = words[meant]
     small = {"clip_model": "small", "clip_checkpoint": "small"}
     digest = model_hash(CLIP, small)

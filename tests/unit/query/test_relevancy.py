@@ -38,30 +38,24 @@ def decoder(*widths: int, scale: float = 1.0) -> Decoder:
     return Decoder(widths, (scale * rng.normal(size=count)).astype(np.float32))
 
 
-@pytest.mark.parametrize("widths, folded", [((3, 40), (3, 4)), ((3, 8, 16, 64), (3, 8, 16, 17))])
+# A softmax over code words, a skip, and codes of any norm.
+ODD = {"after": ("relu", "relu", "softmax", "none"), "unit_input": True, "skips": ((0, 1),)}
+WIDTHS = [((3, 40), {}, 4), ((3, 8, 16, 64), {}, 17), ((3, 8, 8, 16, 64), ODD, 17)]
+
+
+@pytest.mark.parametrize("widths, how, last", WIDTHS)
 @pytest.mark.parametrize("scale", [1e-3, 1e3])
-def test_folding_changes_no_cosine(widths, folded, scale):
+def test_folding_changes_no_cosine(widths, how, last, scale):
     codes, directions = unit(50, widths[0], seed=1), unit(6, widths[-1], seed=2)
-    whole = decoder(*widths, scale=scale)
+    whole = replace(decoder(*widths, scale=scale), **how)
     small, basis = whole.folded
     projected = project(directions, basis)
-    assert small.widths == folded and projected.shape == (6, folded[-1]) and projected.dtype == torch.float32
+    assert small.widths == (*widths[:-1], last) and replace(small, **how) == small
+    assert projected.shape == (6, last) and projected.dtype == torch.float32
     expected = decode(codes, whole) @ directions.T
     torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-6)
+    assert not how or torch.equal(decode(2 * codes, small), decode(codes, small))
     assert (expected.abs() > 0.05).any()
-
-
-def test_folding_keeps_what_stands_before_the_last_layer():
-    """A softmax over code words, a skip, and codes of any norm."""
-    before = ("relu", "relu", "softmax", "none")
-    whole = replace(decoder(3, 8, 8, 16, 64), after=before, unit_input=True, skips=((0, 1),))
-    codes, directions = torch.randn(50, 3), torch.randn(6, 64)
-    small, basis = whole.folded
-    projected = project(directions, basis)
-    assert small.widths == (3, 8, 8, 16, 17) and (small.after, small.skips) == (before, ((0, 1),))
-    expected = decode(codes, whole) @ directions.T
-    torch.testing.assert_close(decode(codes, small) @ projected.T, expected, rtol=0, atol=2e-5)
-    torch.testing.assert_close(decode(3 * codes, small), decode(codes, small))
 
 
 @pytest.mark.parametrize("widths", [(4,), (4, 5), (4, 3), (3, 8, 9)])

@@ -27,16 +27,11 @@ OTHERS |= {"canonical": ("thing",), "size_weight": 0.0}
 def test_a_fit_holds_for_its_openclip_and_its_keys_alone_and_the_bundled_one_has_a_fit(monkeypatch):
     bundled = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
     assert grades.grading_of(bundled, QueryOptions()).calibration is not None
-    row = grades.held_keys(QueryOptions()) | {
-        "intercept": "-1",
-        "level": "2",
-        "fit": "3",
-        "apart": "4",
-        "lead": "5",
-    }
-    row |= {"present_share": "0.4", "misplaced": "0.2"}
+    weights = {"level": 2.0, "fit": 3.0, "apart": 4.0, "lead": 5.0}
+    row = grades.held_keys(QueryOptions()) | {name: str(weight) for name, weight in weights.items()}
+    row |= {"intercept": "-1", "present_share": "0.4", "misplaced": "0.2"}
     monkeypatch.setattr(grades, "read_fits", lambda: {"cafe": row})
-    own = Calibration(-1.0, {"level": 2.0, "fit": 3.0, "apart": 4.0, "lead": 5.0}, 0.4)
+    own = Calibration(-1.0, weights, 0.4)
     assert grades.grading_of("cafe", QueryOptions(present_share=0.4)).calibration == own
     # Who asks of nothing that is absent meets the fifth of the errors that is on what is there.
     [sure] = [grades.grading_of("cafe", QueryOptions(present_share=1.0)).calibration]
