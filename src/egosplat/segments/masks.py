@@ -15,9 +15,6 @@ from egosplat.segments.options import MaskFilter
 with without_compiler():
     import torchvision
 
-# 128 MiB of float32 logits at the frames' size.
-_PIXELS_AT_ONCE = 2**25
-
 
 @dataclass(frozen=True)
 class Candidates:
@@ -47,11 +44,7 @@ class Candidates:
 
 def join(candidates: Sequence[Candidates]) -> Candidates:
     """Concatenate candidates whose logits have the same size."""
-    return Candidates(
-        torch.cat([each.logits for each in candidates]),
-        torch.cat([each.predicted_iou for each in candidates]),
-        torch.cat([each.stability for each in candidates]),
-    )
+    return Candidates(*map(torch.cat, zip(*(vars(one).values() for one in candidates), strict=True)))
 
 
 def intersections(first: Tensor, second: Tensor) -> Tensor:
@@ -123,11 +116,9 @@ def filter_masks(found: Candidates, limits: MaskFilter) -> Candidates:
 def drop_covered(found: Candidates, others: Tensor, cover_thresh: float, iou_thresh: float) -> Candidates:
     """Drop candidates of which (K, M, M) bool masks of the same level together cover a larger share than
     ``cover_thresh``. And those whose IoU with any of them is larger than ``iou_thresh``."""
-    if len(others) == 0:
-        return found
     # Two criteria: parts of a tracked object are covered by it, and a larger version of it overlaps it.
     covered = intersections(found.masks, others.any(0)[None])[:, 0] / areas(found.masks).clamp(min=1.0)
-    repeats = mask_iou(found.masks, others).amax(1) > iou_thresh
+    repeats = (mask_iou(found.masks, others) > iou_thresh).any(1)
     return found.take((covered <= cover_thresh) & ~repeats)
 
 
@@ -136,20 +127,12 @@ def paint(ids: Sequence[int], logits: Tensor, shown: NDArray[np.bool_]) -> NDArr
     device = logits.device
     best = torch.zeros(shown.shape, device=device)
     labels = torch.full(shown.shape, -1, dtype=torch.int32, device=device)
-    numbers = torch.tensor(ids, dtype=torch.int32, device=device)
-    if device.type == "cpu":
+    for number, one in zip(ids, logits, strict=True):
         # Most tracked objects are absent from a frame: enlarged, they would paint nothing. A GPU would have to wait.
-        present = (logits > 0).flatten(1).any(1)
-        numbers, logits = numbers[present], logits[present]
-    # Logits are enlarged for a few objects at a time, which bounds the memory.
-    step = max(1, _PIXELS_AT_ONCE // shown.size)
-    for first in range(0, len(numbers), step):
-        some = logits[first : first + step, None]
-        highest, which = F.interpolate(some, shown.shape, mode="bilinear", align_corners=False)[:, 0].max(
-            dim=0
-        )
-        better = highest > best  # the first wins ties
-        best = torch.where(better, highest, best)
-        labels = torch.where(better, numbers[first : first + step][which], labels)
+        if device.type == "cpu" and one.max() <= 0:
+            continue
+        enlarged = F.interpolate(one[None, None], shown.shape, mode="bilinear", align_corners=False)[0, 0]
+        labels.masked_fill_(enlarged > best, number)  # the first wins ties
+        best = torch.maximum(best, enlarged)
     labels[torch.from_numpy(~shown).to(device)] = -1
     return labels.cpu().numpy()
