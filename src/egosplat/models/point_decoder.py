@@ -27,18 +27,14 @@ class EncodedImage:
     """Features of one image from SAM2's encoder.
 
     Attributes:
-        features, positions: (h * w, 1, C) each, finest first, as ``SAM2Base.track_step`` takes them.
+        features: (h * w, 1, C) each, finest first, as ``SAM2Base.track_step`` takes them.
+        positions: (h * w, 1, C) of the coarsest; it takes no others.
         sizes: (h, w) of each.
     """
 
     features: list[Tensor]
-    positions: list[Tensor]
+    positions: Tensor
     sizes: list[tuple[int, int]]
-
-    def expand(self, count: int) -> tuple[list[Tensor], list[Tensor]]:
-        """Features and positions repeated for a batch of ``count`` objects, as views."""
-        features = [feature.expand(-1, count, -1) for feature in self.features]
-        return features, [position.expand(-1, count, -1) for position in self.positions]
 
     def image(self, level: int) -> Tensor:
         """(1, C, h, w) features of one level."""
@@ -56,7 +52,7 @@ def encode(sam2: Sam2, image: NDArray[np.uint8]) -> EncodedImage:
     mean, std = (torch.tensor(each, device=values.device)[:, None, None] for each in (_MEAN, _STD))
     encoded = model.forward_image((values - mean) / std)
     _, features, positions, sizes = model._prepare_backbone_features(encoded)
-    return EncodedImage(list(features), list(positions), [tuple(size) for size in sizes])
+    return EncodedImage(list(features), positions[-1], [tuple(size) for size in sizes])
 
 
 @dataclass(frozen=True, eq=False)

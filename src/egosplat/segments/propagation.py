@@ -141,11 +141,10 @@ class Propagator:
     def _inputs(self, frame: int, count: int) -> dict[str, Any]:
         """What SAM2 takes for a batch of objects in a frame."""
         encoded = self._encoded(frame)
-        features, positions = encoded.expand(count)
         return {
             "frame_idx": frame,
-            "current_vision_feats": features,
-            "current_vision_pos_embeds": positions,
+            "current_vision_feats": [features.expand(-1, count, -1) for features in encoded.features],
+            "current_vision_pos_embeds": [encoded.positions.expand(-1, count, -1)],
             "feat_sizes": encoded.sizes,
             "point_inputs": None,
             "num_frames": self._frames,

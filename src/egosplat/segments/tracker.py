@@ -139,12 +139,16 @@ class Tracker:
         for overlaps, (ids, logits) in zip(self._overlaps, seen, strict=True):
             overlaps.add((ids, (logits > 0) & self._inside(frame)))
         self._labels[frame] = np.stack([paint(*masks, self._video.shown(frame)) for masks in seen])
-        # Tracks of what an earlier track follows as well end; the two are merged.
+        self._end_duplicates(frame)
+        if frame == self._video.length - 1:
+            for group in chain(*self._groups):
+                group.restart()
+
+    def _end_duplicates(self, frame: int) -> None:
+        """End tracks of what an earlier track follows as well; the two are merged."""
         duplicates = {later for _, later in self._same()} if frame in self._searched else set()
         for group in chain(*self._groups):
             group.end(duplicates)
-            if frame == self._video.length - 1:
-                group.restart()
 
     def _same(self) -> list[tuple[int, int]]:
         """Pairs of instances of a level that are one object, as far as they have been tracked."""
@@ -163,15 +167,13 @@ class Tracker:
             # Labels of the forward pass take precedence.
             own[:] = np.where(own >= 0, own, paint(ids, logits, self._video.shown(frame)))
         self._labels[frame] = labels
-
-    def _search_area(self, frame: int) -> Tensor:
-        """(M, M) bool pixels in which objects are searched for."""
-        return self._inside(frame) & (self._moving(frame) >= _STARTS * self._options.threshold)
+        self._end_duplicates(frame)
 
     def _add_new_tracks(self, frame: int, seen: list[LevelMasks]) -> None:
         """Prompt the pixels that a level does not cover, and start tracks of the new objects found there."""
-        area, options = self._search_area(frame), self._options
-        tracked = [(logits > 0) & self._inside(frame) for _, logits in seen]
+        options, inside = self._options, self._inside(frame)
+        area = inside & (self._moving(frame) >= _STARTS * options.threshold)
+        tracked = [(logits > 0) & inside for _, logits in seen]
         free = [area & ~masks.any(0) for masks in tracked]
         # Hands are small: as few pixels as a mask may have are searched.
         least = options.min_area * area.numel()

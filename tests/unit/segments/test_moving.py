@@ -118,7 +118,7 @@ def test_few_moving_pixels_are_searched(sam2, images):
     moves = probability()
     moves[0, 10:15, 14:21] = 1
     options = OPTIONS.change(points_per_side=16)
-    area = tracker(sam2, images, moves, options)._search_area(0)
+    area = tracker(sam2, images, moves, options)._moving(0) > 0.6
     assert options.min_area * area.numel() < area.sum() < 0.02 * area.numel()
     assert tracker(sam2, images, moves, options).run().prompted == [0]
     assert tracker(sam2, images, moves, options.change(min_area=0.02)).run().prompted == []

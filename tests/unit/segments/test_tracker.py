@@ -62,18 +62,18 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
     assert asked == list(range(FRAMES)), "nothing is tracked backwards"
 
 
-def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, monkeypatch):
+@pytest.mark.parametrize("found", ["_forwards", "_backwards"])
+def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, monkeypatch, found):
     tracker = Tracker(sam2, video_of(images), OPTIONS)
     groups = [Group(ids, 0, torch.zeros(1), {}, torch.zeros(len(ids))) for ids in ([0, 7], [3])]
     left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
     left[:, :4], right[:, 4:] = True, True
-    masks = torch.stack([left, right, left])
     for _ in range(video_module.MIN_COMMON_FRAMES):
-        tracker._overlaps[2].add(([0, 7, 3], masks))
+        tracker._overlaps[2].add(([0, 7, 3], torch.stack([left, right, left])))
     tracker._groups[2] = groups
-    monkeypatch.setattr(tracker, "_propagated", lambda frame, reverse: [([], torch.zeros(0, 64, 64))] * 3)
+    monkeypatch.setattr(tracker, "_propagated", lambda frame, reverse: [([0], torch.zeros(1, 64, 64))] * 3)
     monkeypatch.setattr(tracker, "_add_new_tracks", lambda *_: None)
-    tracker._forwards(0)
+    getattr(tracker, found)(0)
     for _ in ("forwards", "backwards"):
         assert [group.unseen.tolist() for group in groups] == [[0, 0], [np.inf]]
         assert tracker._propagator.ended(groups[1])
