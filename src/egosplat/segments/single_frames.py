@@ -1,6 +1,7 @@
 """Segment single frames with SAM2, also in overlapping crops, where small things are larger for the model."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -12,7 +13,7 @@ from torch import Tensor
 from egosplat.artifacts.checkpoint import State
 from egosplat.models.point_decoder import encode
 from egosplat.models.sam2_loader import Sam2
-from egosplat.segments.masks import Candidates, drop_covered, filter_masks, join, paint
+from egosplat.segments.masks import Candidates, areas, filter_masks, join, mask_iou, paint
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import Bounds, grid_points, lie_in, prompt
 from egosplat.segments.video import LabelMaps, Segmented, Track, Video, pack, unpack
@@ -23,11 +24,15 @@ Crop = tuple[slice, slice]
 # Overlap of neighboring crops as a share of the frame's side, in a grid of 2 x 2, as in SAM's automatic mask generator.
 _OVERLAP = 512 / 1500
 
-# A mask that ends this close to a crop's inner border is cut off [cells of its logits].
-_BORDER = 2
+# A mask that ends this close to a crop's inner border is cut off, and those of points this close [cells of logits].
+_BORDERS = 2, 4
 
 # Masks that cover more cells of the whole frame's logits are sharp enough there. Crops see less around large things.
 _COARSE_CELLS = 100
+
+# Crops find nothing where a subpart of the frame covers more cells, and its logits there and around are so many times the
+# offset of stability, which follows the steepness of a model's logits (benchmarks/single_frames/README.md#crops).
+_LARGE_CELLS, _CLEAR = 4 * _COARSE_CELLS, 10
 
 # Logit outside of a crop: clearly no part of the mask.
 _OUTSIDE = -10.0
@@ -41,7 +46,9 @@ def segment_frame(sam2: Sam2, video: Video, frame: int, options: SegmentsOptions
     labels, instances = [], []
     with sam2.compute.inference():
         with sam2.at_side(options.image_size):
-            found = prompt(sam2, encode(sam2, image), _points(shown, options), options)
+            points = grid_points(options.points_per_side)
+            points = points[lie_in(points, torch.from_numpy(shown))]
+            found = prompt(sam2, encode(sam2, image), points, options)
         if options.crops_per_side > 1:
             found = prompt_with_crops(sam2, image, shown, found, options)
         for level, candidates in enumerate(found):
@@ -63,12 +70,6 @@ def join_frames(
         labels[frame] = np.where(own < 0, -1, own + len(instances))
         instances += [Track(level, frame, iou, stability) for level, iou, stability in state["masks"]]
     return Segmented(labels, instances, [], [*frames])
-
-
-def _points(shown: NDArray[np.bool_], options: SegmentsOptions) -> Tensor:
-    """(P, 2) points of the grid that lie on pixels that show the scene."""
-    points = grid_points(options.points_per_side)
-    return points[lie_in(points, torch.from_numpy(shown))]
 
 
 def crops_of(height: int, width: int, per_side: int) -> list[Crop]:
@@ -94,14 +95,16 @@ def prompt_with_crops(
     crops'."""
     height, width = shown.shape
     crops, by_crop = crops_of(height, width, options.crops_per_side), []
-    coarse_side = found[0].logits.shape[-1]
+    points = grid_points(options.points_per_side)
+    coarse_side, useful = found[0].logits.shape[-1], _may_be_small(found[0], shown, options)
     for crop in crops:
-        encoded = encode(sam2, image[crop])
-        border = _inner_border(crop, shown.shape, encoded.sizes[0][0]).to(sam2.compute.device)
-        share = shown[crop].size / shown.size
+        encoded, share = encode(sam2, image[crop]), shown[crop].size / shown.size
+        border, near = (_inner_border(crop, shown.shape, encoded.sizes[0][0], width) for width in _BORDERS)
         # The frame's cells are too few for these masks, and no border cuts them off.
-        bounds = Bounds(options.min_area / share, _COARSE_CELLS / (share * coarse_side**2), border)
-        by_crop.append(prompt(sam2, encoded, _points(shown[crop], options), options, bounds))
+        most = _COARSE_CELLS / (share * coarse_side**2)
+        bounds = Bounds(options.min_area / share, most, border.to(sam2.compute.device))
+        chosen = lie_in(points, useful[crop]) & ~lie_in(points, near)
+        by_crop.append(prompt(sam2, encoded, points[chosen], options, bounds))
     canvas = max(coarse_side, options.crops_per_side * by_crop[0][0].logits.shape[-1])
     merged = []
     for coarse, *fine in zip(found, *by_crop, strict=True):
@@ -111,12 +114,21 @@ def prompt_with_crops(
     return merged
 
 
-def _inner_border(crop: Crop, shape: tuple[int, ...], side: int) -> Tensor:
-    """(side, side) bool: the cells of a crop's logits at its borders inside the frame."""
-    border = torch.zeros(side, side, dtype=torch.bool)
-    for axis, (span, length) in enumerate(zip(crop, shape, strict=True)):
-        border.movedim(axis, 0)[:_BORDER] |= span.start > 0
-        border.movedim(axis, 0)[-_BORDER:] |= span.stop < length
+def _may_be_small(subparts: Candidates, shown: NDArray[np.bool_], options: SegmentsOptions) -> Tensor:
+    """(H, W) bool pixels that show the scene, and do not lie clearly inside a large one of the frame's subparts."""
+    large = subparts.take(areas(subparts.masks) > _LARGE_CELLS)
+    # A small thing lowers the logits around it, too.
+    lowest = -F.max_pool2d(-large.logits[:, None], 3, 1, 1)
+    clear = (lowest > _CLEAR * options.mask_filter.stability_score_offset).any(0)[None]
+    return torch.from_numpy(shown) & (F.interpolate(clear.float(), shown.shape)[0, 0].cpu() == 0)
+
+
+def _inner_border(crop: Crop, shape: tuple[int, ...], side: int, width: int) -> Tensor:
+    """(side, side) bool: the cells of a crop's logits at its borders inside the frame, of a width in cells."""
+    axes = zip(crop, shape, strict=True)
+    inside = [slice(width * (one.start > 0), side - width * (one.stop < length)) for one, length in axes]
+    border = torch.ones(side, side, dtype=torch.bool)
+    border[tuple(inside)] = False
     return border
 
 
@@ -128,14 +140,14 @@ def _to_canvas(found: Candidates, crop: Crop, shape: tuple[int, ...], canvas: in
         # -1 to 1 is inside the crop.
         axes.append((pixels - span.start) / (span.stop - span.start) * 2 - 1)
     grid = torch.stack(torch.meshgrid(*axes, indexing="ij")[::-1], dim=-1).to(found.logits)
-    grids = grid.expand(len(found), *grid.shape)
-    logits = F.grid_sample(found.logits[:, None], grids, padding_mode="border", align_corners=False)[:, 0]
+    logits = F.grid_sample(found.logits[None], grid[None], padding_mode="border", align_corners=False)[0]
     inside = (grid.abs() <= 1).all(-1)
-    return Candidates(torch.where(inside, logits, _OUTSIDE), found.predicted_iou, found.stability)
+    return replace(found, logits=torch.where(inside, logits, _OUTSIDE))
 
 
 def _merge(coarse: Candidates, fine: Candidates, canvas: int, options: SegmentsOptions) -> Candidates:
     """Put both on one canvas. A mask of the frame is dropped where one from a crop shows the same."""
     logits = F.interpolate(coarse.logits[:, None], (canvas, canvas), mode="bilinear", align_corners=False)
-    enlarged = Candidates(logits[:, 0], coarse.predicted_iou, coarse.stability)
-    return join([fine, drop_covered(enlarged, fine.masks, 1.0, options.mask_filter.box_nms_thresh)])
+    enlarged = replace(coarse, logits=logits[:, 0])
+    repeats = mask_iou(enlarged.masks, fine.masks) > options.mask_filter.box_nms_thresh
+    return join([fine, enlarged.take(~repeats.any(1))])

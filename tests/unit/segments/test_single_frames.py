@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from egosplat.models.point_decoder import encode
 from egosplat.segments import prompts, single_frames
 from egosplat.segments.masks import Candidates
 from egosplat.segments.options import MASK_FILTERS, MaskFilter, SegmentsOptions
@@ -50,8 +49,19 @@ def test_masks_that_are_large_or_that_a_border_inside_the_frame_cuts_off_are_dro
     masks[2, 20:24, 20:24] = True  # inside
     masks[3, 5:30, 5:30] = True  # large
     # Of the crop at the frame's top left corner.
-    bounds = Bounds(0.0, 0.25, single_frames._inner_border(np.s_[0:32, 0:40], SHAPE, 40))
+    bounds = Bounds(0.0, 0.25, single_frames._inner_border(np.s_[0:32, 0:40], SHAPE, 40, 2))
     assert prompts.within(torch.from_numpy(masks), bounds).tolist() == [True, False, True, False]
+
+
+def test_what_is_clearly_inside_a_large_subpart_is_no_small_thing():
+    """But near a dip of its logits, near its outline and in a small subpart something may be small."""
+    masks, shown = np.zeros((2, 64, 64), bool), np.ones((64, 128), bool)
+    masks[0, :, :30], masks[1, :16, 40:], shown[0] = True, True, False
+    subparts = candidates(masks * 2)
+    subparts.logits[0, 20, 10] = 0.5
+    expected = shown[:, ::2].copy()
+    expected[:, :29], expected[19:22, 9:12] = False, True
+    assert np.array_equal(single_frames._may_be_small(subparts, shown, SegmentsOptions())[:, ::2], expected)
 
 
 def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
@@ -68,34 +78,24 @@ def test_a_mask_from_a_crop_replaces_the_same_mask_of_the_frame():
 IMAGE = np.random.default_rng(0).integers(0, 255, (96, 128, 3), dtype=np.uint8)
 
 
-def labels_of(sam2, shown, **keys) -> np.ndarray:
-    options = SegmentsOptions(**keys, crops_per_side=2, image_size=512)
-    found = segment_frame(sam2, Video(1, lambda _: IMAGE, lambda _: shown), 0, options)
-    return join_frames([found], [0], 1, (96, 128)).labels[0]
-
-
-def test_the_whole_frame_alone_has_the_image_size_of_the_options(sam2, monkeypatch):
-    """Crops are prompted at the model's own side, and it has that side again afterwards."""
-    sides = []
-    recorded = lambda sam2, image: sides.append(sam2.video_predictor.image_size) or encode(sam2, image)
-    monkeypatch.setattr(single_frames, "encode", recorded)
-    monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(0.0, 0.7, 0.1, 0.2))
-    found = labels_of(sam2, np.ones((96, 128), bool), points_per_side=2)
-    assert sides == [512, 256, 256, 256, 256] and sam2.video_predictor.image_size == 256
-    assert found.shape == (3, 96, 128)
-
-
-@pytest.mark.parametrize(("columns", "expected"), [(50, [8, 8, 0, 8, 0]), (0, [0] * 5)])
-def test_pixels_that_do_not_show_the_scene_are_not_prompted(sam2, monkeypatch, columns, expected):
-    """Less than the left half is shown: the crops on the right have no point there. Or nothing is."""
-    shown = np.zeros((96, 128), bool)
+@pytest.mark.parametrize(
+    ("columns", "small", "expected"),
+    [(50, True, [96, 135, 0, 135, 0]), (50, False, [96] + [0] * 4), (0, True, [0] * 5)],
+)
+def test_a_frame_and_its_crops_are_prompted_where_masks_may_be(sam2, monkeypatch, columns, small, expected):
+    """Less than the left half is shown, or nothing: crops on the right have no point there, and none has one at an inner
+    border or where nothing small may be. The frame alone has the options' size; crops have the model's own, and it has that again afterwards."""
+    shown, prompted = np.zeros((96, 128), bool), []
     shown[:, :columns] = True
-    points = []
-    recorded = lambda sam2, encoded, given, *more: points.append(given) or prompt(sam2, encoded, given, *more)
+    recorded = lambda *given: prompted.append(given[1:3]) or prompt(*given)
     monkeypatch.setattr(single_frames, "prompt", recorded)
+    if not small:
+        monkeypatch.setattr(single_frames, "_may_be_small", lambda _, shown, __: torch.zeros(shown.shape) > 0)
     monkeypatch.setitem(MASK_FILTERS, "auto", MaskFilter(-1.0, 0.0, 0.1, -1.0))
-    found = labels_of(sam2, shown, points_per_side=4)
-    assert [len(one) for one in points] == expected
+    options = SegmentsOptions(points_per_side=16, crops_per_side=2, image_size=512)
+    state = segment_frame(sam2, Video(1, lambda _: IMAGE, lambda _: shown), 0, options)
+    found = join_frames([state], [0], 1, (96, 128)).labels[0]
+    assert [len(points) for _, points in prompted] == expected
+    assert [one.sizes[0][0] * 4 for one, _ in prompted] == [512, *[256] * 4]
+    assert sam2.video_predictor.image_size == 256 and (prompted[0][1][:, 0] < columns / 128).all()
     assert (found[:, :, columns:] == -1).all() and (found >= 0).any() == (columns > 0)
-    if columns:
-        assert float(points[0][:, 0].max()) == pytest.approx(0.375)
