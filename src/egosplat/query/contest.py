@@ -30,8 +30,8 @@ def _log_odds(scene: QueryScene, texts: Texts, options: QueryOptions) -> Tensor:
 def fits_of(scene: QueryScene, thing: Thing, texts: Texts, options: QueryOptions) -> Tensor:
     """(Q,) mean log-odds of the relevancy of a thing's Gaussians, by looks alone."""
     rows = torch.from_numpy(thing.members)[evenly_spaced(len(thing.members), _OF_THING)]
-    level = scene.of_level(scene.levels.index(thing.level))
-    some = replace(level, code=level.code[rows], share=level.share[rows], sizes=None)
+    code, share = (each[rows, scene.levels.index(thing.level), None] for each in (scene.code, scene.share))
+    some = replace(scene, code=code, share=share, levels=[thing.level], sizes=None)
     return _log_odds(some, texts, options).mean(dim=1)
 
 
