@@ -17,6 +17,7 @@ from egosplat.query.answers import ViewMatch as ViewMatch
 from egosplat.query.catalog import catalog as catalog
 from egosplat.query.finished_scene import Scene as Scene
 from egosplat.query.finished_scene import open_scene as open_scene
+from egosplat.query.like import ask_pictures as ask_pictures
 from egosplat.query.options import AskingOptions as AskingOptions
 from egosplat.rasterize.api import rasterization as rasterization
 from egosplat.segments.options import SegmentsOptions as SegmentsOptions

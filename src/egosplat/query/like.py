@@ -25,6 +25,7 @@ from egosplat.query.answers import Answer, Thing
 from egosplat.query.command import align_rows, show_point, show_size
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import Grading, judge
+from egosplat.query.options import MOST
 from egosplat.query.text import clean_phrase
 from egosplat.query.things import EXTENT, SAME
 
@@ -234,6 +235,12 @@ def ask_looks(
         wanted = see(scene.clip, shown[asked]) if asked in shown else looks.called(asked, names)
         things = looks.find(wanted, max(2, most), asked in shown)
         yield judge(asked, things, ((), None), SIMILARITY, most), things
+
+
+def ask_pictures(scene: Scene, *pictures: Path | str, most: int = MOST) -> list[Answer]:
+    """Answer what each picture shows by at most ``most`` things of the whole scene that look like it. Raises as ``run``."""
+    shown = {str(path): read_picture(Path(path)) for path in pictures}
+    return [answer for answer, _ in ask_looks(scene, shown, {}, most)]
 
 
 def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.like import Looks
+from egosplat.query.like import Looks, ask_pictures
 from tests.support.page_scene import put_looks
 
 
@@ -18,8 +18,7 @@ from tests.support.page_scene import put_looks
 def scene(page_scene, tmp_path) -> Path:
     """A scene whose things were seen in frames 0 and 2, with their pictures."""
     folder = Path(shutil.copytree(page_scene, tmp_path / "results/adt/scene1"))
-    crops = put_looks(folder)
-    for name, crop in zip(("couch", "wall", "cup"), crops, strict=True):
+    for name, crop in zip(("couch", "wall", "cup"), put_looks(folder), strict=True):
         Image.fromarray(crop).save(tmp_path / f"{name}.png")
     Image.fromarray(np.full((40, 40, 3), 255, np.uint8)).save(tmp_path / "white.png")
     return folder
@@ -33,6 +32,7 @@ def test_a_picture_finds_its_thing_and_when_it_was_seen_last(scene, run_command,
     assert float(center.split(",")[0]) > 0.5 and last.strip() == "0:00" and lead.startswith("+0.")
     assert "white.png  not found: no thing here looks like it" in out
     assert Image.open(scene / "query.png").height == 512
+    assert ask_pictures(open_scene(scene), tmp_path / "cup.png")[0].things[0].center[0] > 0.5
 
 
 def test_of_what_overlaps_the_most_alike_is_told(scene):
