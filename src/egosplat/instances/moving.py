@@ -70,7 +70,7 @@ def standing_tracks(masks: LiftedMasks, time_s: NDArray[np.float64]) -> NDArray[
         votes = sparse.csr_array(masks.votes[:, some].T)
         runs, everyone = Runs(votes, masks.seen[frame], weight), np.arange(len(some))
         apart = np.abs(time_s[frame][:, None] - time_s[frame]) >= APART_S
-        alike = np.stack([runs.overlaps(run, everyone) for run in everyone])[np.triu(apart, 1)]
+        alike = np.stack([runs.overlaps(run, everyone) for run in range(len(some))])[np.triu(apart, 1)]
         alike = alike[~np.isnan(alike)]
         if len(alike) >= LEAST_PAIRS and np.median(alike) >= MERGE_IOU:
             found.append(masks.instance[mine[0]])

@@ -73,7 +73,7 @@ class PublishedModel(NamedTuple):
     sha256: str | None  # None if no digest is published
 
     @property
-    def on_hub(self) -> dict[str, str]:
+    def on_hub(self) -> dict[str, Any]:
         """The file as functions of ``huggingface_hub`` take it."""
         name = self.repository.removeprefix("datasets/")
         kind = "model" if name == self.repository else "dataset"

@@ -73,7 +73,8 @@ def run(scene: Scene, labels: Path) -> Iterator[str]:
         least = f"give {LEAST} or more, {LEAST_OF_A_KIND} of them right and {LEAST_OF_A_KIND} absent"
         raise UserError(f"{labels}: judges {len(kinds)} phrases that have an answer, {told}; {least}")
     path, about = scene.folder / OWN_FITS, (scene.encoded.facts["clip"]["hash"], scene.options, "own")
-    evidence = np.array([astuple(one.candidates[0].evidence) for one in answers])
+    measured = (one.candidates[0].evidence for one in answers)
+    evidence = np.array([astuple(one) for one in measured if one])
     write_fit(path, about, evidence, (kinds == "right").astype(float), (kinds != "absent").astype(float))
     yield f"{path}: fitted to {told}"
     yield "Queries take it from now on, the page when it is written anew, other scenes of this OpenCLIP with a copy."
