@@ -20,7 +20,7 @@ from benchmarks.public.boxes import write_3d_ovs, write_lerf
 from egosplat.files import read_json, write_text
 from egosplat.models.needed import Needed, download
 from egosplat.pipeline.general_options import SHIPPED
-from egosplat.pipeline.model_sets import PublishedModel
+from egosplat.pipeline.model_sets import LIGHT, PublishedModel
 from egosplat.run.sources import unpack
 from egosplat_rivals.scored_scenes import FULL, ScoredScene, check_protocol, read_scored_scene
 
@@ -64,7 +64,9 @@ def fetch(folder: Path) -> Path:
         "preset": "paper",
         "data_root": {"lerf": str(labels.parent.absolute())},
         # What a user gets who sets nothing.
-        "variants": {"usual": {"extends": "balanced", "models": {"set": "light"}}},
+        "variants": {
+            "usual": {"extends": "balanced", "models": {"set": LIGHT}, "segments": {"crops_per_side": 1}}
+        },
         # A thing of another scene is absent: grades are fitted to both.
         "formats": {"lerf": {"presence": {"negatives": sorted({one["category"] for one in objects})}}},
     }

@@ -15,7 +15,6 @@ from egosplat.pipeline.config import (
     Layer,
     LayeredConfig,
     configure,
-    defaults,
     layers_of_format,
     merge_layers,
     stage_values,
@@ -32,7 +31,7 @@ from egosplat.pipeline.strict_yaml import read_yaml
 PRESET_FILES = {"paper_scaled" if name == "paper" else name: name for name in PRESET_NAMES}
 
 # Sections and keys that keep the scene's value with every preset: those that define frames and queries, because scores with
-# different values cannot be compared, and models (no preset sets a key that follows models.set; transient.lr suits the encoder).
+# different values cannot be compared, and models (transient.lr suits the encoder).
 _KEPT = {
     *("formats", "synthetic", "annotations", "metrics", "models", "transient.lr"),
     *("frames.start_s", "frames.end_s", "frames.evaluation_frames", "frames.holdout", "query.readout"),
@@ -47,7 +46,7 @@ def read_scenes_with_presets(config: LayeredConfig, presets: Path) -> dict[tuple
 
 def with_presets(config: LayeredConfig, presets: Path, format: str) -> LayeredConfig:
     """Add the presets to the variants of a scene's configuration."""
-    named = {name: preset_keys(name, presets, format) for name in PRESET_FILES}
+    named = {name: preset_keys(name, presets, format, config["models"]["set"]) for name in PRESET_FILES}
     # The user's own variants stand first.
     order = config["variants"] | named | config["variants"]
     return LayeredConfig(config | {"variants": order}, config.layers)
@@ -165,11 +164,11 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
 
 
 @functools.cache
-def preset_keys(name: str, folder: Path, format: str) -> Config:
+def preset_keys(name: str, folder: Path, format: str, models: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
     files = {file: read_yaml(folder / f"{file}.yaml") for file in PRESET_FILES.values()}
     kept = _KEPT | {"frames.resolution"} if name == "paper_scaled" else _KEPT
-    preset, usual = Layer(name, files[PRESET_FILES[name]]), defaults()
+    preset, usual = Layer(name, files[PRESET_FILES[name]]), configure([SHIPPED_LAYER], models)
     values = merge_layers(layers_of_format([preset, SHIPPED_LAYER], format))
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
     parts = [part for file in files.values() for part in (file, *file.get("formats", {}).values())]

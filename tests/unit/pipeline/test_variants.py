@@ -131,20 +131,19 @@ def test_other_methods_never_read_what_moves_and_share_the_geometry_without_mask
     assert (asked in BASE["variants"]) != tiles
     if not tiles:
         owners = [owner(stage, BASE, asked, "adt/scene1") for stage in ("language", "metrics")]
-        assert (
-            owners == [name, asked]
-            and method_of(BASE, asked, "adt/scene1") == BASE["variants"][name]["method"]
-        )
+        assert owners == [name, asked]
+        assert method_of(BASE, asked, "adt/scene1") == BASE["variants"][name]["method"]
     paper = resolve({"preset": "paper"}, PRESETS)
     assert paper["splats"]["language"] == "joint"
     assert variant_config(paper, name, "adt/scene1")["splats"]["language"] == "after"
     assert owner("splats", paper, name, "adt/scene1") == "shared_geometry"
 
 
-def test_a_variant_of_the_configuration_keeps_its_name_from_a_preset():
+def test_presets_that_suit_the_models_are_variants_but_for_names_of_the_configuration():
     own = {"draft": {"features": {"dims": 4}}}
-    found = with_presets(resolve({"variants": own}, PRESETS), PRESETS, "adt")["variants"]
-    assert found["draft"] == own["draft"] and "accurate" in found
+    found = with_presets(resolve({"variants": own, "models": {"set": "light"}}, PRESETS), PRESETS, "adt")
+    named = found["variants"]
+    assert named["draft"] == own["draft"] and named["accurate"]["segments"]["crops_per_side"] == 1
 
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():
