@@ -45,7 +45,7 @@ def lead_of(scene: QueryScene, thing: Thing, query: Texts, words: Texts, options
         if texts.phrases
         for fit in fits_of(scene, thing, texts, options)
     )
-    return own - max(0.0, *rest)
+    return own - max([0.0, *rest])
 
 
 class Contest:
