@@ -24,8 +24,8 @@ def directions(seed: int, count: int) -> torch.Tensor:
     return torch.from_numpy(rows / np.linalg.norm(rows, axis=1, keepdims=True)).float()
 
 
-def relevancy(features, queries, canonical, temperature: float, names=None) -> torch.Tensor:
-    return module.relevancy(features, Texts(("",) * len(queries), queries, canonical, names), temperature)
+def relevancy(features, queries, canonical, temperature: float) -> torch.Tensor:
+    return module.relevancy(features, Texts(("",) * len(queries), queries, canonical), temperature)
 
 
 def papers(features, queries, canonical, temperature: float) -> torch.Tensor:
