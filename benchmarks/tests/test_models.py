@@ -56,7 +56,7 @@ def test_random_weights_of_published_architectures_find_nothing(name, tmp_path):
     save_clip(tmp_path / "clip.pt", name)
     clip = load_open_clip(name, str(tmp_path / "clip.pt"), "cpu", "float32")
     clip.model.logit_scale.fill_(np.log(100.0))  # trained weights have this scale, random ones 14
-    pictures = torch.randn(8, 3, 14, 14).repeat_interleave(16, 2).repeat_interleave(16, 3)
+    pictures = torch.nn.functional.interpolate(torch.randn(8, 3, 14, 14), clip.model.visual.image_size)
     with torch.inference_mode():
         code = torch.nn.functional.normalize(clip.model.encode_image(pictures))[:, None]
     decoder = Decoder((code.shape[-1],), np.zeros(0, np.float32))
