@@ -26,7 +26,7 @@ def test_memory_and_time_grow_with_the_pixels_and_the_attempt(frames):
     assert costs.request("masks", CONFIG, [], 1)["mem_mb"] == base
     assert costs.request("masks", CONFIG, [frames], 1)["mem_mb"] == grown
     assert costs.request("masks", CONFIG, [frames], 2)["mem_mb"] == 2 * grown
-    assert costs.request("language", CONFIG, [frames], 1)["runtime"] == sum(time)
+    assert costs.request("masks", CONFIG, [frames], 1)["runtime"] == sum(time)
 
 
 def test_a_chunk_has_its_own_frames_and_a_recording_to_come_counts_as_it_is_filmed_or_read(frames):
