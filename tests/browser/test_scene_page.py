@@ -16,7 +16,7 @@ from egosplat.gaussians.render import render
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.models.checkpoints import CLIP, model_hash
-from egosplat.query.contest import lead_of
+from egosplat.query.contest import leads_of
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import LEAST_FOUND, LEAST_GUESS, grading_of, measure_evidence
 from egosplat.query.reading import read_questions
@@ -177,7 +177,7 @@ def test_an_answer_is_that_of_python(scene, page_scene, data, clip, words):
     [values] = known.relevancy(asked, options).numpy()
     things = find_things(surface, values, options.segmentation_threshold, options.box_filter, 3)
     grading = grading_of(CLIP_HASH, options)
-    leads = [lead_of(known, one, asked, every, options) for one in things]
+    leads = leads_of(known, things, asked, every, options)
     ratings = [*map(grading.calibration.probability, measure_evidence(things, leads, facts["levels"]))]
     found = scene().evaluate(ASK, words)
     assert (found["score"], found["rating"]) == pytest.approx((things[0].score, ratings[0]), abs=1e-3)

@@ -35,17 +35,21 @@ def fits_of(scene: QueryScene, thing: Thing, texts: Texts, options: QueryOptions
     return _log_odds(some, texts, options).mean(dim=1)
 
 
-def lead_of(scene: QueryScene, thing: Thing, query: Texts, words: Texts, options: QueryOptions) -> float:
-    """By how much the log-odds of one query are above those of words of other meanings, and of canonical phrases, at a thing."""
-    others = other_meanings(query, words).tolist()
+def leads_of(
+    scene: QueryScene, things: Sequence[Thing], query: Texts, words: Texts, options: QueryOptions
+) -> list[float]:
+    """By how much the log-odds of one query are above those of words of other meanings, and of canonical phrases, at each thing."""
+    others = other_meanings(query, words).tolist() if words.phrases else []
     names = words.of([word for word, is_other in zip(words.phrases, others, strict=True) if is_other])
-    own, *rest = (
-        float(fit)
-        for texts in (query, names)
-        if texts.phrases
-        for fit in fits_of(scene, thing, texts, options)
-    )
-    return own - max([0.0, *rest])
+    asked = _behind(replace(names, canonical=query.canonical), query)
+    fits = [fits_of(scene, thing, asked, options).tolist() for thing in things]
+    return [own - max([0.0, *rest]) for *rest, own in fits]
+
+
+def _behind(words: Texts, query: Texts) -> Texts:
+    """Words, of which there may be none, and one query behind them."""
+    queries = torch.cat([each.queries for each in (words, query) if each.phrases])
+    return replace(words, phrases=(*words.phrases, ""), queries=queries)
 
 
 class Contest:
@@ -70,7 +74,7 @@ class Contest:
 
     def best(self, query: Texts) -> float:
         """How well one query stands where it stands best, 0 to 1."""
-        fits = self._fits(self._with(query))
+        fits = self._fits(_behind(self.words, query))
         return float(self._stand(query, fits, fits.mean(dim=1)).amax()) if fits.numel() else 0.0
 
     def rate(self, query: Texts, things: Sequence[Thing], least: float) -> list[Thing]:
@@ -79,15 +83,12 @@ class Contest:
         That becomes their score, or 0 where their score is below the ``least``.
         """
         usual, rated = torch.cat([self.usual, self._fits(query).mean(dim=1)]), []
+        asked = _behind(self.words, query)
         for thing in things:
-            fits = fits_of(self.scene, thing, self._with(query), self.options)[:, None]
+            fits = fits_of(self.scene, thing, asked, self.options)[:, None]
             stands = float(self._stand(query, fits, usual))
             rated.append(replace(thing, score=stands if thing.score >= least else 0.0))
         return sorted(rated, key=lambda one: -one.score)
-
-    def _with(self, query: Texts) -> Texts:
-        queries = torch.cat([self.words.queries, query.queries])
-        return replace(self.words, phrases=(*self.words.phrases, ""), queries=queries)
 
     def _fits(self, texts: Texts) -> Tensor:
         """(Q, K) by how much each text fits each code of the sample better than each canonical phrase does."""

@@ -25,7 +25,7 @@ from egosplat.pipeline.home import ASKED, check_scene_folder
 from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query import grades
 from egosplat.query.answers import Answer, Moving, Thing, ViewMatch
-from egosplat.query.contest import Contest, lead_of
+from egosplat.query.contest import Contest, leads_of
 from egosplat.query.maps import Mask, innermost
 from egosplat.query.moving import Tracks
 from egosplat.query.options import MOST, AskingOptions, QueryOptions
@@ -325,7 +325,7 @@ class Scene:
         if self.contest:
             things = self.contest.rate(query, things, options.min_score)
         fit = grading.calibration
-        leads = [lead_of(self.trained, one, query, self._words, options) for one in things]
+        leads = leads_of(self.trained, things, query, self._words, options)
         pairs = zip(things, grades.measure_evidence(things, leads, self.levels), strict=True)
         things = [replace(one, evidence=own, probability=fit and fit.probability(own)) for one, own in pairs]
         coded = bool(things) or bool((self.trained.share > 0).any())

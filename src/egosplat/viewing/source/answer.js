@@ -171,22 +171,22 @@ function otherMeanings(scene, phrase, vector) {
 }
 
 // Grades: egosplat/query/grades.py. What a thing is graded by is its probability, or without a calibration its score.
-function ratingOf(scene, thing, things, { phrase, vector }) {
+function ratingOf(scene, thing, things, asked) {
   const { calibration } = scene.facts.query;
   if (!calibration) return thing.score;
   const next = Math.max(0, ...things.filter((other) => other !== thing).map((other) => other.score));
-  const evidence = { apart: thing.score - next, level: (thing.level + 1) / scene.facts.levels.length, fit: logOdds(thing.score), lead: leadOf(scene, thing, phrase, vector) };
+  const evidence = { apart: thing.score - next, level: (thing.level + 1) / scene.facts.levels.length, fit: logOdds(thing.score), lead: leadOf(scene, thing, asked) };
   const sum = Object.entries(calibration.weights).reduce((part, [name, weight]) => part + weight * evidence[name], calibration.intercept);
   return 1 / (1 + Math.exp(-sum));
 }
 
 // By how much the log-odds of a phrase are above those of words of other meanings, and of canonical phrases, at some of a thing's Gaussians.
-function leadOf(scene, { members, level }, phrase, vector) {
-  const index = scene.codeIndex[level], isOther = otherMeanings(scene, phrase, vector), most = Math.min(members.length, 256);
+function leadOf(scene, { members, level }, { isOther, palette }) {
+  const index = scene.codeIndex[level], most = Math.min(members.length, 256);
   const few = Array.from({ length: most }, (_, row) => members[Math.round((row * (members.length - 1)) / Math.max(1, most - 1))]);
   const mean = (entries) => few.reduce((sum, one) => sum + logOdds(entries[index[one]]), 0) / most;
   const others = scene.facts.words.map((_, number) => (isOther[number] ? mean(paletteOfWord(scene, number)[level]) : 0));
-  return mean(paletteRelevancy(scene, vector)[level]) - Math.max(0, ...others);
+  return mean(palette[level]) - Math.max(0, ...others);
 }
 
 function logOdds(p) {
@@ -200,8 +200,9 @@ function gradeOf(scene, rating) {
 }
 
 // The verdict on a phrase that is not on the page's list, where no server judges it: egosplat/query/grades.py on the page's data.
-function judge(scene, neighbors, relevancy, asked) {
+function judge(scene, neighbors, relevancy, phrase, vector) {
   const things = findThings(scene, neighbors, relevancy, 3), [best] = things;
+  const asked = { isOther: otherMeanings(scene, phrase, vector), palette: paletteRelevancy(scene, vector) };
   for (const thing of things) thing.rating = ratingOf(scene, thing, things, asked);
   const grade = best ? gradeOf(scene, best.rating) : "not found";
   const shown = grade === "not found" ? [] : things.filter((thing) => gradeOf(scene, thing.rating) === grade);
@@ -326,7 +327,7 @@ async function answerName(scene, tower, neighbors, name) {
   }
   const vector = tower.encode(tokens), relevancy = gaussianRelevancy(scene, vector, phrase);
   scene.heated = performance.now();
-  return { ...judge(scene, await neighbors, relevancy, { phrase, vector }), name, vector, relevancy, history: historyOf(scene, phrase, vector) };
+  return { ...judge(scene, await neighbors, relevancy, phrase, vector), name, vector, relevancy, history: historyOf(scene, phrase, vector) };
 }
 
 // An answer as Python has it, in the terms of the page: levels by number, and what it is graded by.
