@@ -1,7 +1,7 @@
 """Compress features to codes with few channels: none, a linear basis, or LangSplat's autoencoder."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,21 +22,11 @@ _COSINES_AT_ONCE = 2**12
 
 
 @dataclass(frozen=True)
-class Need:
-    """Fewest code channels with which a fraction ``SHARE`` of the rows is reconstructed. ``share`` is the
-    (D,) fraction of the rows reconstructed with 1, 2, ... channels; 1 if there are no rows."""
-
-    dims: int
-    share: Floats
-
-
-@dataclass(frozen=True)
 class Compression:
-    """A fitted compression: (R, D) float32 features -> (R, C) float32 codes, and back; and the reason for C, if it was ``auto``."""
+    """A fitted compression: (R, D) float32 features -> (R, C) float32 codes, and back."""
 
     encode: Callable[[Features], Features]
     decoder: Decoder
-    need: Need | None = None
 
 
 def fit(features: Features, kind: str, dims: int | str, epochs: int, seed: int) -> Compression:
@@ -54,9 +44,7 @@ def fit(features: Features, kind: str, dims: int | str, epochs: int, seed: int) 
     if isinstance(dims, str):
         # A linear basis decides for the autoencoder, too: otherwise each length would need a training.
         basis = fit_linear(features, None)
-        if kind == "linear" or basis.need is None:
-            return basis
-        return replace(fit(features, kind, basis.need.dims, epochs, seed), need=basis.need)
+        return basis if kind == "linear" else fit(features, kind, basis.decoder.widths[0], epochs, seed)
     if dims > width:
         raise UserError(
             f"features.dims = {dims}: OpenCLIP's features have {width} channels; use at most {width}"
@@ -81,10 +69,7 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
         scatter += (rows - mean).T @ (rows - mean)
     # eigh sorts eigenvalues in ascending order; the largest variance comes first here.
     basis = np.linalg.eigh(scatter)[1][:, ::-1]
-    need = None
-    if dims is None:
-        need = needed_dims(features, mean, basis)
-        dims = need.dims
+    dims = needed_dims(features, mean, basis) if dims is None else dims
     basis = basis[:, :dims]
     # The sign of an eigenvector is arbitrary: the largest component is made positive, so equal rows give equal codes.
     largest = np.abs(basis).argmax(axis=0)
@@ -97,12 +82,12 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
         return codes
 
     values = np.concatenate([basis.ravel(), mean]).astype(np.float32)
-    return Compression(encode, Decoder((dims, width), values), need)
+    return Compression(encode, Decoder((dims, width), values))
 
 
-def needed_dims(features: Features, mean: Floats, basis: Floats) -> Need:
-    """Return the fewest principal directions that reconstruct (R, D) rows with at least the cosine
-    ``LEAST_COSINE``, or all. ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first."""
+def needed_dims(features: Features, mean: Floats, basis: Floats) -> int:
+    """Return the fewest principal directions that reconstruct a fraction ``SHARE`` of (R, D) rows with at least
+    the cosine ``LEAST_COSINE``, or all. ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first."""
     along, good = mean @ basis, np.zeros(len(mean))
     for begin in range(0, len(features), _COSINES_AT_ONCE):
         rows = features[begin : begin + _COSINES_AT_ONCE].astype(np.float64)
@@ -115,4 +100,4 @@ def needed_dims(features: Features, mean: Floats, basis: Floats) -> Need:
         good += (cosines >= LEAST_COSINE).sum(axis=0)
     share = good / len(features) if len(features) else np.ones(len(mean))
     enough = np.flatnonzero(share >= SHARE)
-    return Need(int(enough[0]) + 1 if len(enough) else len(mean), share)
+    return int(enough[0]) + 1 if len(enough) else len(mean)

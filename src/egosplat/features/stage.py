@@ -13,7 +13,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
 from egosplat.artifacts.writer import create
 from egosplat.features.aggregation import MAD_K, Aggregate, aggregate
-from egosplat.features.compression import SHARE, fit
+from egosplat.features.compression import fit
 from egosplat.features.options import FeaturesOptions
 from egosplat.features.supervision import (
     Features,
@@ -23,7 +23,6 @@ from egosplat.features.supervision import (
     parts_of,
     reconstruction,
     spread,
-    summary,
     supervise,
     vanishing,
 )
@@ -43,25 +42,18 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     consistent, supervision, mismatched = _supervision(feature, instance, found, options)
     compressed = fit(supervision, options.compression, options.dims, options.epochs, options.seed)
     codes, consistent_codes = (compressed.encode(part) for part in (supervision, consistent))
-    seen, names = found.views > 0, view_features.facts["levels"]
+    seen = found.views > 0
     # An encoder maps the zero feature to an arbitrary code.
     consistent_codes[~seen] = 0.0
     rebuilt = reconstruction(supervision, codes, compressed.decoder)
     decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
-    # Why codes have their length, if it was ``auto``, with the share of views per length.
-    need = None
-    if compressed.need is not None:
-        share = [round(one, 6) for one in compressed.need.share.tolist()]
-        need = {"dims": compressed.need.dims, "share_wanted": SHARE, "share": share}
     facts = {
-        "levels": names,
+        "levels": view_features.facts["levels"],
         "clip": view_features.facts["clip"],
         "decoder": decoder_metadata(compressed.decoder),
-        "need": need,
-        "instances_without_views": int((~seen).sum()),
         "outliers": int((~found.inlier).sum()),
         "slipped": int(mismatched.sum()),
-        "reconstruction": summary(rebuilt, level[instance], names),
+        "reconstruction": {"mean": float(rebuilt.mean()) if len(rebuilt) else None},
         "agreement": agreement(feature, consistent, instance),
         "spread": {"features": spread(consistent[seen]), "decoded": spread(decoded)},
     }

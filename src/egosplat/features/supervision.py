@@ -1,7 +1,6 @@
 """The supervision of Gaussians: a view's own feature, the consistent feature, or their average; its figures."""
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -86,15 +85,3 @@ def spread(features: Features) -> float | None:
     total = unit(features).sum(axis=0)
     # The squared norm of the sum contains all pairs, and each row with itself.
     return float((total @ total - count) / (count * (count - 1)))
-
-
-def summary(cosines: NDArray[np.float64], level: NDArray[np.integer], names: Sequence[str]) -> dict[str, Any]:
-    """Mean and lowest of (R,) cosines, over all rows and by ``level`` (R,), an index into ``names``."""
-    by_level = {name: _figures(cosines[level == number]) for number, name in enumerate(names)}
-    return {**_figures(cosines), "by_level": by_level}
-
-
-def _figures(cosines: NDArray[np.float64]) -> dict[str, float | None]:
-    if not len(cosines):
-        return {"mean": None, "lowest": None}
-    return {"mean": float(cosines.mean()), "lowest": float(cosines.min())}

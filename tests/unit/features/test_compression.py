@@ -7,7 +7,7 @@ import torch
 from egosplat.features import compression
 from egosplat.features.autoencoder import BATCH, Autoencoder, _decoder_of, batches, loss
 from egosplat.features.compression import SHARE, fit
-from egosplat.features.supervision import reconstruction, summary
+from egosplat.features.supervision import reconstruction
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.vectors import unit
 
@@ -85,13 +85,6 @@ def test_gradients_reach_the_codes():
     assert codes.grad.abs().sum() > 0
 
 
-def test_the_summary_is_by_level():
-    found = summary(np.array([0.5, 1.0, 0.8]), np.array([0, 0, 2]), ["subpart", "part", "whole"])
-    assert found["mean"] == pytest.approx(2.3 / 3) and found["lowest"] == 0.5
-    assert found["by_level"]["subpart"] == {"mean": 0.75, "lowest": 0.5}
-    assert found["by_level"]["part"] == {"mean": None, "lowest": None}
-
-
 def share_of(features: np.ndarray, dims: int, bound: float) -> float:
     """By encoding and decoding."""
     fitted = fit(features, "linear", dims, 1, 0)
@@ -103,10 +96,8 @@ def test_auto_dims_is_the_smallest_that_reaches_the_bound():
     features = unit(rng.normal(size=(300, 24)) @ rng.normal(size=(24, 24))).astype(np.float32)
     found = fit(features, "linear", "auto", 1, 0)
     dims = found.decoder.widths[0]
-    assert 1 < dims < 24 and found.need.dims == dims
+    assert 1 < dims < 24
     assert share_of(features, dims, bound) >= SHARE > share_of(features, dims - 1, bound)
-    for number in (1, dims - 1, dims, 24):
-        assert found.need.share[number - 1] == pytest.approx(share_of(features, number, bound), abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -129,4 +120,4 @@ def test_auto_dims_are_those_that_features_need(monkeypatch, kind, count, width,
 def test_an_autoencoder_takes_as_many_numbers_as_a_basis_needs():
     features = unit(np.random.default_rng(0).normal(size=(50, 8))).astype(np.float32)
     basis, found = (fit(features, kind, "auto", 1, 0) for kind in ("linear", "autoencoder"))
-    assert found.need.dims == basis.need.dims == found.decoder.widths[0] == found.encode(features).shape[1]
+    assert basis.decoder.widths[0] == found.decoder.widths[0] == found.encode(features).shape[1]
