@@ -10,6 +10,7 @@ from torch.nn import functional as F
 
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.schemas import TILES
+from egosplat.features.compression import fit_linear
 from egosplat.geometry import invert
 from egosplat.language.centers import median_depths
 from egosplat.language.decoder import Decoder
@@ -168,14 +169,10 @@ def evaluate_at_centers(
         torch.stack([trained(part, scale.expand(len(part))) for scale in scales], dim=1)
         for part in means.split(_ROWS_AT_ONCE)
     ]
-    few = torch.cat([part[:: max(1, len(rows))] for part in rows]).flatten(0, 1).double()
-    mean = few.mean(dim=0)
-    # The largest directions last.
-    _, vectors = torch.linalg.eigh((few - mean).T @ (few - mean))
-    basis = vectors.flip(1)[:, : min(channels, vectors.shape[1])].float()
-    code = torch.cat([(part - mean.float()) @ basis for part in rows])
-    values = torch.cat([basis.reshape(-1), mean.float()]).cpu().numpy()
-    return code, Decoder((basis.shape[1], basis.shape[0]), values)
+    few = torch.cat([part[:: max(1, len(rows))] for part in rows]).flatten(0, 1)
+    basis = fit_linear(few.cpu().numpy(), channels)
+    code = torch.cat([torch.from_numpy(basis.encode(part.flatten(0, 1).cpu().numpy())) for part in rows])
+    return code.unflatten(0, (len(means), len(scales))).to(means.device), basis.decoder
 
 
 METHOD = Method(train_field, (TILES,), TileViews)

@@ -5,10 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
 from egosplat.errors import from_extra
+from egosplat.features.compression import fit_linear
 from egosplat.gaussians.model import Gaussians
 from egosplat.language.lifting import lift
 from egosplat.language.method import Coded, Method
@@ -115,7 +117,7 @@ def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
     values = code.cpu()[rows]
     draw = torch.Generator().manual_seed(seed)
     chosen = torch.randperm(len(rows), generator=draw)[:SAMPLE]
-    parts = principal_components(values, chosen).numpy()
+    parts = principal_components(values, chosen)
     least = max(2, round(LEAST * len(chosen) / len(rows)))
     # Other algorithms than a k-d tree may hold all distances.
     model = HDBSCAN(min_cluster_size=least, min_samples=NEIGHBORS, algorithm="kd_tree", copy=True)
@@ -124,18 +126,13 @@ def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
     return labels.to(code.device)
 
 
-def principal_components(values: Tensor, sample: Tensor) -> Tensor:
+def principal_components(values: Tensor, sample: Tensor) -> NDArray[np.float32]:
     """(N, min(C, COMPONENTS)) coordinates of (N, C) values along the axes of most variance in a sample, (S,) int64 rows.
 
     They are scaled so that the largest is 1, and rounded.
     """
-    drawn = values[sample].double()
-    mean = drawn.mean(dim=0)
-    # In float64 also where the variance is far below the mean. Eigenvalues ascend.
-    axes = torch.linalg.eigh((drawn - mean).T @ (drawn - mean)).eigenvectors[:, -COMPONENTS:]
-    parts = (values - mean.float()) @ axes.float()
-    largest = parts.abs().max()
-    return (parts / torch.where(largest > 0, largest, 1.0)).round(decimals=_DECIMALS)
+    parts = fit_linear(values[sample].numpy(), COMPONENTS).encode(values.numpy())
+    return (parts / (np.abs(parts).max() or 1.0)).round(_DECIMALS)
 
 
 METHOD = Method(lift_clusters, masks="{} in place of SAM")

@@ -16,6 +16,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, TILE_SCALES, TILES, lies_on_its_side
 from egosplat.artifacts.writer import Writer, create
 from egosplat.errors import UserError
+from egosplat.features.compression import fit_linear
 from egosplat.features.crops import encode, resize
 from egosplat.models import point_decoder
 from egosplat.models.checkpoints import CLIP, SAM2, SMALL, model_hash
@@ -78,7 +79,7 @@ def run(
         _put_tiles(artifact, done, scales)
         if options.regulariser == "sam2":
             given = options.sam2_config, options.sam2_checkpoint, options.device, options.precision
-            maps, facts["variance"] = image_maps(load_sam2(*given), lambda row: frames.row("rgb", row), rows)
+            maps = image_maps(load_sam2(*given), lambda row: frames.row("rgb", row), rows)
             artifact.put("regulariser", maps)
         artifact.facts = facts
     work.finish()
@@ -124,39 +125,27 @@ def _put_tiles(artifact: Writer, done: list[Halves], scales: list[Scale]) -> Non
 COMPONENTS, _FRAMES = 64, 32
 
 
-def image_maps(
-    sam2: Sam2, images: Callable[[int], Pixels], rows: NDArray[np.integer]
-) -> tuple[Halves, float]:
+def image_maps(sam2: Sam2, images: Callable[[int], Pixels], rows: NDArray[np.integer]) -> Halves:
     """Encode frames at SAM2's coarsest resolution, one sixteenth of its square, and keep the principal components.
 
-    (V, h, w, K) float16 components of the channels, each channel of mean 0 and variance 1 over the scene; and the part of the
-    variance that they keep. ``images`` gives the (H, W, 3) uint8 image of a frame, by its row.
+    (V, h, w, K) float16 components of the channels, each channel of mean 0 and variance 1 over the scene. ``images`` gives the
+    (H, W, 3) uint8 image of a frame, by its row.
     """
     few = rows[np.linspace(0, len(rows) - 1, min(len(rows), _FRAMES)).astype(int)]
-    sample = torch.cat([_map(sam2, images(row)).flatten(0, 1) for row in few]).double()
-    mean, deviation = sample.mean(dim=0), sample.std(dim=0)
+    sample = np.concatenate([_map(sam2, images(row)) for row in few]).astype(np.float64)
+    mean, deviation = sample.mean(axis=(0, 1)), sample.std(axis=(0, 1), ddof=1)
     # A channel that never changes says nothing.
-    scale = torch.where(deviation > 1e-6 * (1 + mean.abs()), 1 / deviation.clamp(min=1e-12), 0.0)
-    basis, kept = principal_components((sample - mean) * scale, COMPONENTS)
+    scale = np.where(deviation > 1e-6 * (1 + np.abs(mean)), 1 / np.maximum(deviation, 1e-12), 0.0)
+    basis = fit_linear(((sample - mean) * scale).reshape(-1, len(mean)).astype(np.float32), COMPONENTS)
     found = []
     for row in track(rows, "encoding frames with SAM2"):
-        values = (_map(sam2, images(row)).double() - mean) * scale
-        found.append((values @ basis).numpy().astype(np.float16))
-    return np.stack(found), kept
+        values = ((_map(sam2, images(row)) - mean) * scale).astype(np.float32)
+        codes = basis.encode(values.reshape(-1, len(mean)))
+        found.append(codes.reshape(*values.shape[:2], -1).astype(np.float16))
+    return np.stack(found)
 
 
-def principal_components(centered: Tensor, count: int) -> tuple[Tensor, float]:
-    """(C, K) directions of largest variance of (R, C) float64 rows of mean 0, K <= ``count``, and their part of it."""
-    values, vectors = torch.linalg.eigh(centered.T @ centered)
-    chosen = vectors.flip(1)[:, :count]
-    # The sign of an eigenvector is arbitrary: its largest number is positive.
-    largest = chosen.gather(0, chosen.abs().argmax(dim=0, keepdim=True))
-    total = float(values.clamp(min=0).sum())
-    kept = float(values.clamp(min=0).flip(0)[:count].sum()) / total if total > 0 else 1.0
-    return chosen * largest.sign(), kept
-
-
-def _map(sam2: Sam2, image: Pixels) -> Tensor:
-    """(h, w, C) float32 on the CPU."""
+def _map(sam2: Sam2, image: Pixels) -> NDArray[np.float32]:
+    """(h, w, C) values of the coarsest features."""
     with sam2.compute.inference():
-        return point_decoder.encode(sam2, image).image(-1)[0].permute(1, 2, 0).float().cpu()
+        return point_decoder.encode(sam2, image).image(-1)[0].permute(1, 2, 0).float().cpu().numpy()

@@ -57,8 +57,8 @@ def fit(features: Features, kind: str, dims: int | str, epochs: int, seed: int) 
 
 
 def fit_linear(features: Features, dims: int | None) -> Compression:
-    """Fit the mean and ``dims`` principal directions: the linear code with the least squared error. Without
-    ``dims``, uses as many as ``needed_dims`` returns."""
+    """Fit the mean and ``dims`` principal directions, at most all: the linear code with the least squared error.
+    Without ``dims``, uses as many as ``needed_dims`` returns."""
     width = features.shape[1]
     # Two passes, because sums of squares minus the squared mean would cancel.
     mean, scatter = np.zeros(width), np.zeros((width, width))
@@ -69,7 +69,7 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
         scatter += (rows - mean).T @ (rows - mean)
     # eigh sorts eigenvalues in ascending order; the largest variance comes first here.
     basis = np.linalg.eigh(scatter)[1][:, ::-1]
-    dims = needed_dims(features, mean, basis) if dims is None else dims
+    dims = needed_dims(features, mean, basis) if dims is None else min(dims, width)
     basis = basis[:, :dims]
     # The sign of an eigenvector is arbitrary: the largest component is made positive, so equal rows give equal codes.
     largest = np.abs(basis).argmax(axis=0)

@@ -186,7 +186,7 @@ def test_principal_components_keep_distances_in_the_directions_of_most_variance(
     draw = torch.Generator().manual_seed(0)
     flat = torch.randn(200, 2, generator=draw) @ torch.randn(2, 6, generator=draw) + 100.0
     monkeypatch.setattr(solver, "COMPONENTS", 2)
-    parts = principal_components(flat, torch.arange(200))
+    parts = torch.from_numpy(principal_components(flat, torch.arange(200)))
     assert parts.shape == (200, 2)
     exact = torch.cdist(flat.double(), flat.double())
     found = torch.cdist(parts.double(), parts.double())

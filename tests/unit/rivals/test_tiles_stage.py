@@ -13,7 +13,6 @@ from egosplat.features.crops import encode, resize
 from egosplat.models.open_clip_loader import load_open_clip
 from egosplat_rivals import tiles_stage as stage
 from egosplat_rivals.tile_views import at_pixels, pyramid
-from egosplat_rivals.tiles_stage import principal_components
 
 KEYS = {"regulariser": "none", "sam2_config": "small", "sam2_checkpoint": "small"}
 SIZE = 40
@@ -92,7 +91,6 @@ def test_jobs_of_chunks_give_the_same_artifact_with_the_standardised_components_
     whole = run(folder, "whole.zarr", regulariser="sam2")
     maps = whole.read("regulariser").astype(np.float64)
     assert maps.shape[0] == 4 and maps.shape[1] == maps.shape[2] and 1 <= maps.shape[3] <= 64
-    assert 0.5 < whole.facts["variance"] <= 1.0
     flat = maps.reshape(-1, maps.shape[3])
     np.testing.assert_allclose(flat.mean(axis=0), 0.0, atol=0.05)
     assert (np.diff(flat.var(axis=0)) < 0.05).all(), "the largest components come first"
@@ -104,16 +102,6 @@ def test_jobs_of_chunks_give_the_same_artifact_with_the_standardised_components_
     stage.run(folder / "frames.zarr", folder / "tiles.zarr", options, gather=files)
     gathered = verify(folder / "tiles.zarr", SCHEMAS)
     assert gathered.digest == whole.digest and gathered.facts == whole.facts
-
-
-def test_principal_components_of_a_plane():
-    draw = torch.Generator().manual_seed(0)
-    plane = torch.randn(500, 2, generator=draw).double() @ torch.randn(2, 6, generator=draw).double()
-    centered = plane - plane.mean(dim=0)
-    basis, kept = principal_components(centered, 2)
-    torch.testing.assert_close(centered @ basis @ basis.T, centered)
-    assert kept == pytest.approx(1.0)
-    assert principal_components(torch.zeros(5, 6).double(), 2)[1] == 1.0
 
 
 SIDES = [(25, 25, 21), (64, 40, 13), (102, 51, 11), (140, 70, 8), (179, 89, 6), (217, 108, 5), (256, 128, 5)]
