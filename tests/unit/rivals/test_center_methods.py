@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.training_views import Masking
 from egosplat.geometry import Camera
 from egosplat.language.lifting import lift
 from egosplat.language.targets import Targets
@@ -49,8 +48,8 @@ def painted(frames=1, levels=1, left=LEFT, right=RIGHT) -> Painted:
 def look(gaussians: Gaussians, targets: Painted, poses: np.ndarray | None = None) -> CodeViews:
     count = len(targets.codes)
     poses = np.tile(np.eye(4), (count, 1, 1)) if poses is None else poses
-    given = np.arange(count), poses, CAMERA, targets.of, None, Masking(None, "")
-    return CodeViews(gaussians, SETTINGS, *given)
+    given = np.arange(count), torch.empty(count, 0), poses, None, None, CAMERA, gaussians.means.device
+    return CodeViews(*given, gaussians=gaussians, settings=SETTINGS, targets=targets.of)
 
 
 def code_of(method, gaussians: Gaussians, targets: Painted, views: CodeViews | None = None):
