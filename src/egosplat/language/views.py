@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,6 @@ def select_code_views(
 ) -> CodeViews:
     """All training frames with a pose, of those ``kept`` (F,) bool, with the poses that splats render with; UserError without any."""
     views = read_views(frames, poses, split_views(frames, poses, kept)[0], gaussians.means.device)
-    seen = {"camera_to_world": camera_poses(poses, splats)[views.frame]}
-    seen["transient"] = masking.frames(views.frame)
-    return CodeViews(**vars(views) | seen, gaussians=gaussians, settings=settings, targets=targets)
+    given: dict[str, Any] = vars(views) | {"transient": masking.frames(views.frame)}
+    given["camera_to_world"] = camera_poses(poses, splats)[views.frame]
+    return CodeViews(**given, gaussians=gaussians, settings=settings, targets=targets)
