@@ -3,6 +3,7 @@
 Titles are wrapped and names are moved when a figure is written: sizes of texts and images are known only after its layout.
 """
 
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from textwrap import fill
@@ -20,12 +21,18 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure, FigureBase, SubFigure
+from matplotlib.font_manager import get_font_names
 from matplotlib.image import AxesImage
 from matplotlib.text import Text
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from matplotlib.transforms import Bbox
 
 from egosplat.files import atomic_file
+
+# Letters that Matplotlib's own font lacks are drawn with these where the machine has them, else as boxes: without a warning.
+_FONTS = [name for name in get_font_names() if name.startswith(("Noto Sans CJK", "WenQuanYi"))]
+matplotlib.rcParams["font.family"] = ["DejaVu Sans", *_FONTS]
+warnings.filterwarnings("ignore", "Glyph .* missing from font")
 
 DPI = 90
 

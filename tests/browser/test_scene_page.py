@@ -114,7 +114,7 @@ def test_the_answer_follows_the_time_line(scene_in_time):
     mark = "egosplat.mark && egosplat.mark.point"
     assert page.evaluate(ASK, "cup")["things"], "it is found where it stands, too"
     [carried] = page.locator("#history button").all_inner_texts()
-    assert carried == "→ Carried 0:00 to 0:00\nfrom -1.00, 0.00, 2.00 to 1.00, 0.00, 2.00 m"
+    assert carried == "→ Carried from 0:00 to 0:00\nfrom -1.00, 0.00, 2.00 to 1.00, 0.00, 2.00 m"
     assert page.evaluate(BAR) == "25%", "0.1 s of 0.4 s"
     points = {}
     for row, frame in enumerate((0, 1, 2, 4)):
@@ -244,7 +244,7 @@ def test_a_click_names_what_is_there(scene):
     x, y = page.evaluate("egosplat.project([0.9, 0.3, 2])")
     page.mouse.click(x, y)
     text = page.inner_text("#place")
-    assert text.startswith("cup ") and "(whole)" in text and "whole 5" in text
+    assert text.startswith("cup ") and "(whole, relevancy " in text and "whole 5" in text
     found = page.evaluate("([x, y]) => egosplat.explain(x, y).point", [x, y])
     np.testing.assert_allclose(found, [0.9, 0.3, 2.0], atol=0.15)
     page.mouse.click(790, 5)

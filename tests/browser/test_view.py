@@ -84,7 +84,7 @@ def test_what_is_clicked_gets_a_name_and_finds_what_looks_like_it(tmp_path, page
     page.fill("#place input", " My  Mug")
     page.click("text=Name it")
     page.locator("#answer", has_text='"My Mug": found').wait_for()
-    assert "Go there: found similarity 1.00" in page.inner_text("#things button")
+    assert "Go there: found, similarity 1.00" in page.inner_text("#things button")
     assert [*read_names(folder)] == ["my mug"]
     assert page.evaluate("egosplat.ask('my mug').then(({ things }) => things[0].center[0])") > 0.5
     assert page.evaluate("egosplat.showing.relevancy[0].filter((one) => one > 0.9).length") > 100

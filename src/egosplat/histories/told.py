@@ -62,12 +62,11 @@ class Place:
 
     @property
     def told(self) -> str:
-        """In words, such as "since 0:07, until 0:16"."""
-        parts = (("since", self.since_s), ("until", self.until_s))
-        times = ", ".join(f"{word} {clock(second)}" for word, second in parts if second is not None)
-        if self.position is not None:
-            return times
-        return f"{'carried' if self.carried else 'not known'} {times}"
+        """In words, such as "here from 0:07 to 0:16"."""
+        what = "here" if self.position is not None else "carried" if self.carried else "place unknown"
+        if self.since_s is None:
+            return what if self.until_s is None else f"{what} until {clock(self.until_s)}"
+        return f"{what} from {clock(self.since_s)} {'on' if self.until_s is None else f'to {clock(self.until_s)}'}"
 
 
 def place_at(history: Sequence[Carried], second: float) -> Place | None:

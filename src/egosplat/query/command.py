@@ -145,7 +145,7 @@ def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
         graded = answer.rating > 0 and not answer.untaught
         # What moves is masked: a carried thing is found nowhere, and yet known.
         is_carried = answer.history and not (answer.question and answer.question.relation)
-        reason = "carried about: not found among what stays" if is_carried else answer.refusal
+        reason = "it was carried, so it has no single place" if is_carried else answer.refusal
         return [(answer.asked, f"{reason} ({grading.measure} {shown})" if graded else reason)]
     if view is not None and view.pixel is not None and view.level is not None:
         pixel = f"{view.pixel[0]}, {view.pixel[1]}"
@@ -164,7 +164,7 @@ def carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str
     if not answers:
         return "" if at is None else "nothing of this was carried, as far as is known"
     if at is not None:
-        rows = [("carried thing", f"at {clock(at)} [{unit}]", "for how long [min:s]")]
+        rows = [("carried thing", f"at {clock(at)} [{unit}]", "when [min:s]")]
         for answer in answers:
             place = answer.at(at)
             rows.append(

@@ -86,8 +86,8 @@ class Grading:
 
 def by_probability(fit: Calibration) -> Grading:
     """Grades by the probability of a calibration."""
-    share = f"where {fit.present_share:.0%} of the words asked are here (query.present_share)"
-    notice = f"{share}, found is right in at least 2 of 3 cases, a best guess in 1 of 4"
+    share = f"if {fit.present_share:.0%} of the words asked name something in the scene (query.present_share)"
+    notice = f"found: right in at least 2 of 3 cases, best guess: in 1 of 4, {share}"
     return Grading("probability", LEAST_FOUND, LEAST_GUESS, notice, calibration=fit)
 
 

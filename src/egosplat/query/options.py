@@ -68,8 +68,8 @@ class QueryOptions(Options, section="query"):
     best canonical phrase. 0 accepts everything. docs/models.md has the value of each set of models."""
 
     present_share: Annotated[float, Field(gt=0, le=1)] = 0.7
-    """Share of the words asked that name what is in the scene, for which probabilities and grades are told
-    (docs/method.md#grades). Higher, for who asks of what was seen, tells more as found."""
+    """Share of the words you ask that name something in the scene. Probabilities and grades assume it
+    (docs/method.md#grades). A higher share finds more: set it if you ask for what you saw."""
 
     def box_filter_px(self, longer: int) -> int:
         """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""

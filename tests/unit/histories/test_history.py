@@ -42,24 +42,24 @@ HISTORY = (FIRST, SECOND)
 @pytest.mark.parametrize(
     ("history", "second", "position", "told"),
     [
-        (HISTORY, 0, TABLE, "until 0:04"),
-        (HISTORY, 4.2, None, "carried since 0:04, until 0:07"),
-        (HISTORY, 10, DESK, "since 0:07, until 0:16"),
-        (HISTORY, 17, None, "carried since 0:16, until 0:18"),
-        (HISTORY, 18.6, SHELF, "since 0:18"),
-        (HISTORY, 1e6, SHELF, "since 0:18"),
-        (HISTORY, -5, TABLE, "until 0:04"),
+        (HISTORY, 0, TABLE, "here until 0:04"),
+        (HISTORY, 4.2, None, "carried from 0:04 to 0:07"),
+        (HISTORY, 10, DESK, "here from 0:07 to 0:16"),
+        (HISTORY, 17, None, "carried from 0:16 to 0:18"),
+        (HISTORY, 18.6, SHELF, "here from 0:18 on"),
+        (HISTORY, 1e6, SHELF, "here from 0:18 on"),
+        (HISTORY, -5, TABLE, "here until 0:04"),
         # The thing was put on the desk, and taken from the table.
-        ((FIRST, FROM_TABLE), 10, None, "not known since 0:07, until 0:16"),
-        ((FIRST, FROM_TABLE), 20, SHELF, "since 0:18"),
+        ((FIRST, FROM_TABLE), 10, None, "place unknown from 0:07 to 0:16"),
+        ((FIRST, FROM_TABLE), 20, SHELF, "here from 0:18 on"),
         # Nobody saw where it starts: it may be where the carry before has left it.
-        ((UNSEEN,), 10, None, "not known until 0:16"),
-        ((FIRST, UNSEEN), 10, DESK, "since 0:07, until 0:16"),
+        ((UNSEEN,), 10, None, "place unknown until 0:16"),
+        ((FIRST, UNSEEN), 10, DESK, "here from 0:07 to 0:16"),
         # Each of two carries tells the place between them to a few centimeters.
-        ((FIRST, NEARBY), 10, DESK + [0.05, 0, 0], "since 0:07, until 0:16"),
+        ((FIRST, NEARBY), 10, DESK + [0.05, 0, 0], "here from 0:07 to 0:16"),
         # A thing that was lost lies where it is taken up next, or nobody knows where.
-        ((LOST, SECOND), 10, DESK, "since 0:07, until 0:16"),
-        ((LOST,), 10, None, "not known since 0:07"),
+        ((LOST, SECOND), 10, DESK, "here from 0:07 to 0:16"),
+        ((LOST,), 10, None, "place unknown from 0:07 on"),
     ],
 )
 def test_a_place_is_told_by_the_carries_before_and_after_it(history, second, position, told):
@@ -153,13 +153,13 @@ def test_a_scene_tells_the_history_of_an_answer(tmp_path, page_scene, run_comman
         ["carried thing", "carried [min:s]", "from [m]", "to [m]", "frame"],
         ["cup", "0:00 to 0:00", "-1.00, 0.00, 2.00", "1.00, 0.00, 2.00", "2"],
     ]
-    assert re.split(r"\s{2,}", table("--at", "0:0.3")[1]) == ["cup", "1.00, 0.00, 2.00", "since 0:00"]
+    assert re.split(r"\s{2,}", table("--at", "0:0.3")[1]) == ["cup", "1.00, 0.00, 2.00", "here from 0:00 on"]
     assert "give seconds, as 65" in table("--at", "soon")
     _, out, _ = run_command("query", folder, "couch", "--at", 0, "--overwrite")
     assert "nothing of this was carried, as far as is known" in out
     assert "the recording ends at 0:00" in table("--at", "0:01")
     assert "frame 1 has its own time" in table("--at", "0", "--frame", "1")
-    assert "since 0:00" in table("--at", "0:0.9")[1], "it is shown as 0:00, as the end is"
+    assert "here from 0:00 on" in table("--at", "0:0.9")[1], "it is shown as 0:00, as the end is"
 
 
 def test_a_thing_with_rests_is_told_from_rest_to_rest():
@@ -177,7 +177,7 @@ def test_a_place_that_is_seen_empty_or_that_a_track_alone_tells_is_not_known():
     assert [(one.from_s, one.until_s) for one in told] == [(3, 6), (9, 14)]
     places = [place_at(told, second).position for second in (1, 5, 7, 12, 20)]
     assert [place is not None for place in places] == [False, False, True, False, False]
-    assert place_at(told, 5).told == "not known since 0:03, until 0:06", "a hand may only have hidden it"
+    assert place_at(told, 5).told == "place unknown from 0:03 to 0:06", "a hand may only have hidden it"
     # The track ends at the desk, and no frame shows the thing at rest there.
     [one] = history([(0, 0, 4, TABLE)], [(0, 0, -1)])
     assert np.isfinite(one.start).all() and np.isnan(one.end).all()

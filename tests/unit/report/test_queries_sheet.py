@@ -120,7 +120,7 @@ def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
 def test_the_heading_tells_the_scores_and_where_they_come_from(word_scene):
     metrics = score(word_scene())
     told, how_to_read = summary(read_document(metrics, "metrics")).split("\n")
-    assert "dashed: their boxes" in how_to_read
+    assert "their boxes dashed" in how_to_read
     # Of two categories; those of four independent queries would begin at 51.
     assert told.startswith("4 queries; accuracy 100.0 % (34.2 to 100.0), mIoU ")
     assert "chance: a random pixel 50.0 %, the middle of the picture 50.0 %" in told

@@ -39,12 +39,12 @@ def test_the_steps_come_in_order_with_pictures_and_costs_and_what_is_absent_is_o
     headings = re.findall(r"<h2 id=.step.*?>\d+\. (.*?)</h2>", page)
     assert len(headings) == 10 and headings[::9] == ["Recording", "Questions"]
     assert "700 Gaussians" in page and "2 views are outliers" in page and "4 of 5 frames have a pose" in page
-    assert "put down at another: 2." in page
+    assert "from one place to another 2 times." in page
     assert page.count("data:image/webp") == 1, "one page is there"
     costs = re.findall(r"<tr><td>(\w+)</td>", page)
     assert costs == ["frames", "poses", "instances", "features", "splats", "language", "histories"]
-    assert all(line in page for line in ("No key asks for a survey", "Nothing is masked", "no annotations"))
-    assert "no instances are made" not in page and "Nothing is tracked" not in page
+    assert all(line in page for line in ("All keys are set, so there is no survey", "Nothing is masked", "no annotations"))
+    assert "there are no instances" not in page and "No moving object" not in page
 
 
 def test_names_and_the_scene_page_are_escaped(told):

@@ -54,13 +54,10 @@ def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact
     if count:
         _draw_times(beside[0], spans, times[-1], colors, drawn)
         _draw_photographs(parts[1], frames, histories, spans, colors, longest)
-    carried = {0: "nothing is carried from place to place", 1: "1 carry"}.get(count, f"{count} carries")
-    carried += f", of which the {CARRIES} longest are drawn" if count > CARRIES else ""
-    key = "\na carry has the same number and color everywhere" if count else ""
-    return (
-        figure,
-        f"{carried} (tracks of what moves: {histories.facts['tracks']}), origin {histories.origin}{key}",
-    )
+    told = f"something was carried {count} times" if count else "nothing was carried from place to place"
+    told += f", of which the {CARRIES} longest are drawn" if count > CARRIES else ""
+    told += f"; {histories.facts['tracks']} moving objects were tracked; origin {histories.origin}"
+    return figure, told + ("\nEach time has one number and one color in all charts." if count else "")
 
 
 def _draw_from_above(
@@ -83,7 +80,7 @@ def _draw_from_above(
         box = {"facecolor": "white", "edgecolor": color, "pad": 0.5}
         # Names move apart by their letters: spaces keep their frames apart, too.
         add_name(axes, x, y, f" {index + 1} ", color="black", bbox=box, zorder=4)
-    unit, title = length_unit(poses), "From above: where things are taken up and put down"
+    unit, title = length_unit(poses), "From above: from where to where objects were carried"
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
 
 
@@ -91,7 +88,7 @@ def _draw_times(axes: Axes, spans: Array, last: float, colors: Array, drawn: Ind
     """Draw a bar for each carry that is drawn, from its first to its last frame."""
     places, spans = np.arange(1, len(drawn) + 1), spans[drawn]
     axes.barh(places, np.ptp(spans, axis=1), left=spans[:, 0], color=colors[drawn], height=0.7, zorder=2)
-    axes.set(title="When", xlabel="min:s", ylim=(len(drawn) + 0.6, 0.4), xlim=(0, last))
+    axes.set(title="When it was carried", xlabel="time [min:s]", ylim=(len(drawn) + 0.6, 0.4), xlim=(0, last))
     axes.set_yticks(places, [str(index + 1) for index in drawn])
     axes.xaxis.set_major_locator(
         MultipleLocator(next((tick for tick in TICKS if last <= 10 * tick), TICKS[-1]))
@@ -106,7 +103,7 @@ def _draw_photographs(
     """Draw the chosen things on their way, each in the frame that shows most of it."""
     left_out = len(spans) - len(chosen)
     rest = f"; {left_out} shorter ones are left out" if left_out else ""
-    page.suptitle(f"The frame that shows most of the thing, the longest carry first{rest}")
+    page.suptitle(f"The frame that shows most of the object, the longest time first{rest}")
     cells = empty_grid(page, -(-len(chosen) // COLUMNS), COLUMNS)
     best, boxes = (histories.read(f"carries/{name}") for name in ("best_frame", "box"))
     for axes, index in zip(cells.flat, chosen.tolist(), strict=False):

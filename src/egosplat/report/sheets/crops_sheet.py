@@ -45,8 +45,8 @@ def run(
     encoder = "ImageNet's classes" if model == PHOTOS else f"OpenCLIP ({model})"
     return figure, (
         f"crops encoded by {encoder}, origin {features.origin}\n"
-        f"{len(owner)} views of {len(np.unique(owner))} instances, {facts['outliers']} outliers (MAD {norm}, "
-        f"k = {MAD_K:g}) struck out; above each crop: its frame and the share of feature channels that disagree with the other views"
+        f"{len(owner)} views of {len(np.unique(owner))} instances; the {facts['outliers']} outliers (MAD {norm}, k = {MAD_K:g}) are "
+        "struck out. Above each crop are its frame and the share of feature channels that disagree with the other views."
     )
 
 

@@ -44,7 +44,7 @@ def run(frames: Artifact, poses: Artifact, instances: Artifact) -> tuple[Figure,
     made = "tracks" if instances.facts["source"] == "tracks" else "masks merged in 3D"
     return (
         figure,
-        f"{by_level} ({made}), origin {instances.origin}\nan instance has the same color everywhere",
+        f"{by_level} ({made}), origin {instances.origin}\nEach instance has one color in all pictures.",
     )
 
 

@@ -194,8 +194,8 @@ def summary(document: Mapping[str, Any]) -> str:
         scores.append(f"{name} {100 * score[key]:.1f} %{interval}")
     chance = ", ".join(f"{name} {100 * score[key]:.1f} %" for key, name in CHANCE.items())
     return (
-        f"{count} queries; {', '.join(scores)}; chance: {chance}; {about}\nwhite: annotated instances, dashed: their boxes; "
-        "colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel, green for a hit, red for a miss"
+        f"{count} queries; {', '.join(scores)}; chance: {chance}; {about}\nAnnotated instances are white, their boxes dashed. "
+        "Colors show relevancy from 0 (blue) to 1 (red). The marker is the most relevant pixel, green for a hit, red for a miss."
     )
 
 

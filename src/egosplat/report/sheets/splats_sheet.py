@@ -134,7 +134,7 @@ def _draw_poses(axes: Axes, splats: Artifact) -> None:
     size = 1e3 * np.linalg.norm(shift, axis=1)
     rms_size, rms_turn = (np.sqrt(np.mean(values**2)) for values in (size, turn))
     title = (
-        f"pose corrections from above, {factor:.0f} times longer\n"
+        f"Pose corrections from above, drawn {factor:.0f} times longer\n"
         f"RMS {rms_size:.1f} mm and {rms_turn:.2f}°, largest {size.max():.1f} mm and {turn.max():.2f}°"
     )
     axes.set(title=title, xlabel="m")
@@ -150,6 +150,6 @@ def _draw_gains(axes: Axes, splats: Artifact) -> None:
         axes.plot(frame, gain[frame, channel], color=color, linewidth=1.2)
     axes.plot(fitted, gain[fitted].mean(axis=1), "o", c="tab:orange", markersize=4, label="held out (mean)")
     axes.axhline(1.0, color="0.6", linewidth=0.8)
-    axes.set(title="gain of each frame's colors, 1 = mean exposure", xlabel="frame", ylabel="gain")
+    axes.set(title="Gain of each frame's colors; 1 is the mean exposure", xlabel="frame", ylabel="gain")
     axes.legend(loc="best", fontsize=8)
     axes.grid(alpha=0.3)

@@ -65,15 +65,12 @@ def run(
         bar.solids.set_alpha(1.0)
     _draw_scores(below.subplots(), masks)
     facts, masking = masks.facts, splats.provenance["options"]["masking"]
-    trained_on = {
-        "none": "all pixels",
-        "initial": "all pixels, with less weight where the probability is high",
-    }
+    trained_on = {"none": "all pixels", "initial": "all pixels, less where the probability is high"}
     return figure, (
         f"{facts['transient']} of {facts['instances']} instances are transient, {facts['masked_share']:.1%} of all "
         f"pixels; origin {masks.origin}\n"
-        f"an instance is transient if its score is {facts['threshold']:g} or more; "
-        f"the Gaussians were trained on {trained_on.get(masking, 'the unmasked pixels')}"
+        f"An instance is transient if its mean probability is {facts['threshold']:g} or more. "
+        f"The Gaussians were trained on {trained_on.get(masking, 'the unmasked pixels')}."
     )
 
 
@@ -95,7 +92,7 @@ def _draw_mask(
 ) -> None:
     """Tint and outline the masked pixels, and name their largest instances."""
     mask = masks.row("refined", frame)
-    heading = f"masked: {mask.mean():.1%}, instance: score" if mask.any() else "nothing masked"
+    heading = f"{mask.mean():.1%} masked; instance: mean probability" if mask.any() else "nothing is masked"
     show(axes, tint(photograph, mask.astype(int) - 1, np.array([to_rgb(MASKED)])), heading)
     draw_outline(axes, mask)
     labels, moves = instances.row("labels", frame), masks.read("instances/transient")
@@ -106,7 +103,7 @@ def _draw_mask(
 
 
 def _draw_scores(axes: Axes, masks: Artifact) -> None:
-    """Draw the scores of all instances, sorted, and the threshold."""
+    """Draw the mean probabilities of all instances, sorted, and the threshold."""
     scores, moves = masks.read("instances/score"), masks.read("instances/transient")
     threshold, order = masks.facts["threshold"], np.argsort(-scores, kind="stable")
     above = scores >= threshold
@@ -121,11 +118,10 @@ def _draw_scores(axes: Axes, masks: Artifact) -> None:
         if len(bars):
             axes.bar(bars, scores[order[bars]], 1.0, antialiased=False, color=color, label=label)
     axes.axhline(threshold, color="black", linestyle="--", linewidth=1.2, label=f"threshold {threshold:g}")
-    title = "score: mean transient probability over all pixels of an instance in the training frames"
-    axes.set_title(title, fontsize=10)
+    axes.set_title("The mean transient probability of each instance in the training frames", fontsize=10)
     axes.set(
-        xlabel="instances, sorted by score",
-        ylabel="score",
+        xlabel="instances, sorted",
+        ylabel="mean transient probability",
         ylim=(0, 1),
         xlim=(-0.8, max(len(order), 10) - 0.2),
     )

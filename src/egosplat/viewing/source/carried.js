@@ -23,15 +23,21 @@ const meet = ({ size }, one, other, apart) => !one || !other || length(plus(one,
 // Where a thing with a history was at a time [s]; point is null while it is carried, where no carry tells it, and between two that do not meet.
 function placeAt(history, second, apart) {
   const now = history.find(({ from, until }) => from <= second && second <= until);
-  if (now) return { point: null, told: `${now.certain ? "carried" : "not known"} since ${minutes(now.from)}, until ${minutes(now.until)}` };
+  if (now) return { point: null, told: toldPlace(now.certain ? "carried" : "place unknown", now.from, now.until) };
   const last = history.filter(({ until }) => until < second).reduce((best, one) => (!best || one.until > best.until ? one : best), null);
   const next = history.find(({ from }) => from > second);
-  const times = [...(last ? [`since ${minutes(last.until)}`] : []), ...(next ? [`until ${minutes(next.from)}`] : [])].join(", ");
-  if (last && next && !meet(last, next.start, last.end, apart)) return { point: null, told: `not known ${times}` };
+  const times = [last?.until, next?.from];
+  if (last && next && !meet(last, next.start, last.end, apart)) return { point: null, told: toldPlace("place unknown", ...times) };
   // Both carries show the place.
   const places = [last?.end, next?.start].filter(Boolean);
   const point = places.length ? places[0].map((value, axis) => (value + places[places.length - 1][axis]) / 2) : null;
-  return { point, told: point ? times : `not known ${times}` };
+  return { point, told: toldPlace(point ? "here" : "place unknown", ...times) };
+}
+
+// What a thing was, and when, such as "here from 0:07 to 0:16".
+function toldPlace(what, since, until) {
+  if (since === undefined) return until === undefined ? what : `${what} until ${minutes(until)}`;
+  return `${what} from ${minutes(since)} ${until === undefined ? "on" : `to ${minutes(until)}`}`;
 }
 
 function minutes(second) {

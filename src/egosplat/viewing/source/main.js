@@ -303,7 +303,7 @@ class Page {
   }
 
   markOf(phrase, thing, answer) {
-    return `${shortened(phrase)} ${answer.measure ? thing.rating.toFixed(2) : this.rating(thing.rating)}${answer.grade === "best guess" ? ", best guess" : ""}`;
+    return `${shortened(phrase)}${answer.grade === "best guess" ? ", best guess" : ""}, ${this.rated(answer, thing.rating)}`;
   }
 
   // Tell all answers; the first that has things is what is colored.
@@ -327,7 +327,7 @@ class Page {
   verdict(answer) {
     const { things, grade, why, moving, history } = answer, rating = moving ? moving.rating : answer.rating;
     // What moves is masked: a carried thing is found nowhere, and yet known.
-    if (why && history.length && !moving) return "carried about: not found among what stays";
+    if (why && history.length && !moving) return "it was carried, so it has no single place";
     if (why) return rating && !answer.measure ? `${why} (${this.rated(answer, rating)})` : why;
     return things.length > 1 ? `${grade}, ${things.length} of them` : grade;
   }
@@ -352,7 +352,7 @@ class Page {
       return bar;
     }));
     $("history").replaceChildren(...history.map((carry) => {
-      const item = element("li", ""), button = element("button", `\u2192 Carried ${minutes(carry.from)} to ${minutes(carry.until)}`, { type: "button" });
+      const item = element("li", ""), button = element("button", `\u2192 Carried from ${minutes(carry.from)} to ${minutes(carry.until)}`, { type: "button" });
       button.append(element("small", [carry.start && `from ${place(carry.start)}`, carry.end && `to ${place(carry.end)}`, (carry.start || carry.end) && this.scene.facts.unit].filter(Boolean).join(" ")));
       button.onclick = () => (this.stop(), this.showFrame(Math.max(0, seconds.findIndex((second) => second >= carry.until))));
       item.append(button);
@@ -386,9 +386,9 @@ class Page {
   }
 
   thingItem(thing, answer, named) {
-    const { facts } = this.scene, rated = answer.measure ? this.rated(answer, thing.rating) : this.rating(thing.rating);
+    const { facts } = this.scene;
     if (!thing.center) return this.frameItem(thing.frame);
-    const item = this.buttonItem(`\u2192 Go there: ${answer.grade} ${rated}, ${facts.levels[thing.level]}, frame ${thing.frame}`, () => this.jump(thing, answer));
+    const item = this.buttonItem(`\u2192 Go there: ${answer.grade}, ${this.rated(answer, thing.rating)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, () => this.jump(thing, answer));
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
     if (named) item.firstChild.prepend(element("b", answer.name));
     item.firstChild.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
@@ -472,14 +472,14 @@ class Page {
       return null;
     }
     const { words, instances, point } = describe(this.scene, found), { facts } = this.scene;
-    const named = ({ word, score, level }) => `${word} ${this.score(score)} (${facts.levels[level]})`;
+    const named = ({ word, score, level }) => `${word} (${facts.levels[level]}, relevancy ${this.score(score)})`;
     // Scores of models that nobody has calibrated tell what is closest, not what fits.
     const { calibration, found: sure, guess, min_score } = facts.query, least = calibration || sure === guess ? min_score : Infinity;
     const fitting = words.filter((word) => word.score >= least).slice(0, 3);
-    const closest = words.length ? `: closest is ${named(words[0])}` : "";
-    $("place").textContent = fitting.length ? fitting.map(named).join(", ") : `No word of the list fits${closest}`;
+    const closest = words.length ? `. The closest is ${named(words[0])}` : "";
+    $("place").textContent = fitting.length ? fitting.map(named).join(", ") : `No word of the list fits${closest}.`;
     const at = instances?.map((number, level) => (number === null ? null : `${facts.levels[level]} ${number}`)).filter(Boolean);
-    const instance = at?.length ? `; instances: ${at.join(", ")}` : "";
+    const instance = at?.length ? `; instances ${at.join(", ")}` : "";
     $("place").append(element("small", `at ${place(point)} ${facts.unit}${instance}`));
     this.mark = { point, text: fitting.length ? fitting[0].word : "?" };
     this.placeMarks();
