@@ -103,7 +103,7 @@ def by_score(least: float) -> Grading:
 _CALIBRATE = "egosplat calibrate SCENE labels.csv fits grades to your judgements"
 _NOTICE = f"not calibrated: an answer has to win against a thousand words of homes; {_CALIBRATE}"
 AMONG_WORDS = Grading(
-    "score", 0.9, 0.5, _NOTICE, "not found: other words of homes fit better wherever it fits"
+    "score", 0.9, 0.5, _NOTICE, "not found: other words of homes fit better everywhere"
 )
 
 

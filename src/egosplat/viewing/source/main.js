@@ -391,7 +391,7 @@ class Page {
     const item = this.buttonItem(`\u2192 Go there: ${answer.grade}, ${this.rated(answer, thing.rating)}, ${facts.levels[thing.level]}, frame ${thing.frame}`, () => this.jump(thing, answer));
     const size = thing.size.map((side) => side.toFixed(2)).join(" x ");
     if (named) item.firstChild.prepend(element("b", answer.name));
-    item.firstChild.append(element("small", `at ${place(thing.center)}; ${size} ${facts.unit}`));
+    item.firstChild.append(element("small", `at ${place(thing.center)} ${facts.unit}, size ${size} ${facts.unit}`));
     return item;
   }
 
