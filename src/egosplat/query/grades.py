@@ -102,9 +102,7 @@ def by_score(least: float) -> Grading:
 # Grades where nobody has calibrated an OpenCLIP, by how a query stands among words of homes (egosplat.query.contest).
 _CALIBRATE = "egosplat calibrate SCENE labels.csv fits grades to your judgements"
 _NOTICE = f"not calibrated: an answer has to win against a thousand words of homes; {_CALIBRATE}"
-AMONG_WORDS = Grading(
-    "score", 0.9, 0.5, _NOTICE, "not found: other words of homes fit better everywhere"
-)
+AMONG_WORDS = Grading("score", 0.9, 0.5, _NOTICE, "not found: other words of homes fit better everywhere")
 
 
 def log_odds(p: float) -> float:
