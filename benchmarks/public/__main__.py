@@ -64,9 +64,7 @@ def fetch(folder: Path) -> Path:
         "preset": "paper",
         "data_root": {"lerf": str(labels.parent.absolute())},
         # What a user gets who sets nothing.
-        "variants": {
-            "usual": {"extends": "balanced", "models": {"set": LIGHT}, "segments": {"crops_per_side": 1}}
-        },
+        "variants": {"usual": {"extends": "balanced", "models": {"set": LIGHT}}},
         # A thing of another scene is absent: grades are fitted to both.
         "formats": {"lerf": {"presence": {"negatives": sorted({one["category"] for one in objects})}}},
     }

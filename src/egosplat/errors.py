@@ -14,9 +14,10 @@ MAKE_ROOM = "Make room and start the same command again: complete results are ke
 
 # Advice where a module of an extra is missing.
 _ADVICE = '{} is not installed; it comes with: pip install "egosplat[{}]"'.format
-ARIA = "projectaria_tools"
 EXTRAS = {
-    ARIA: _ADVICE("projectaria-tools (ADT and synthetic apartments, Python 3.11 or 3.12)", "aria"),
+    "projectaria_tools": _ADVICE(
+        "projectaria-tools (ADT and synthetic apartments, Python 3.11 or 3.12)", "aria"
+    ),
     "gsply": _ADVICE("gsply", "export"),
     "rerun": _ADVICE("rerun-sdk", "rerun"),
     "sklearn": _ADVICE("scikit-learn", "clusters"),
@@ -48,7 +49,8 @@ class UserError(Exception):
 
 def without_secrets(text: str) -> str:
     """Leave names and passwords, and what follows a question mark, out of the addresses in a text."""
-    return re.sub(r"(://[^\s?]*\?)[^\s'\")]+", r"\1...", re.sub(r"(?<=://)[^\s/@]*@", "...@", text))
+    # A path has one slash of an address.
+    return re.sub(r"(:/[^\s?]*\?)[^\s'\")]+", r"\1...", re.sub(r"(:/{1,2})[^\s/@]*@", r"\1...@", text))
 
 
 def is_out_of_memory(error: Exception) -> bool:

@@ -18,9 +18,6 @@ _LOGGER = logging.getLogger("egosplat")
 
 _SECONDS_BETWEEN_LINES = 10.0
 
-# How a line begins that tells of a whole run.
-NOTICE = "notice: "
-
 # Number of ranges listed in a message.
 _MAX_RANGES = 12
 
@@ -42,7 +39,7 @@ def show_log() -> None:
 
 
 def hush_log() -> None:
-    """Show neither log lines nor progress."""
+    """Show neither progress nor log lines but those for ``always``."""
     _LOGGER.setLevel(logging.WARNING)
 
 
@@ -52,13 +49,9 @@ def is_hushed() -> bool:
 
 
 def name_lines(step: str) -> None:
-    """Begin each line that ``show_log`` shows with the name of a step of a run; steps that run at once share one screen.
-
-    Notices are not shown: the run prints each one once, before its steps.
-    """
+    """Begin each line that ``show_log`` shows with the name of a step of a run; steps that run at once share one screen."""
     for handler in _LOGGER.handlers:
         handler.setFormatter(logging.Formatter(f"{step}: %(message)s"))
-        handler.addFilter(lambda record: not record.getMessage().startswith(NOTICE))
 
 
 def track(items: Iterable[Item], what: str, total: int | None = None, unit: str = "frame") -> Iterator[Item]:
@@ -85,9 +78,9 @@ def track(items: Iterable[Item], what: str, total: int | None = None, unit: str 
     log(_line(what, done, total, time.perf_counter() - start, unit))
 
 
-def log(message: str) -> None:
-    """Log one line."""
-    _LOGGER.info("%s", message)
+def log(message: str, *, always: bool = False) -> None:
+    """Log one line, ``always`` also where the log is hushed."""
+    _LOGGER.log(logging.WARNING if always else logging.INFO, "%s", message)
 
 
 def format_ranges(numbers: set[int]) -> str:

@@ -19,10 +19,11 @@ class Hub:
         breaks: number of bytes after which it breaks off each answer, and then is busy; None for never.
         begins: the first byte that each request of a file asked for.
         requests: address of each file that was sent so far.
+        asked: how often something was asked about a file.
     """
 
     def __init__(self, content: bytes, monkeypatch: pytest.MonkeyPatch, cache: Path) -> None:
-        self.content, self.status, self.requests = content, 200, []
+        self.content, self.status, self.requests, self.asked = content, 200, [], 0
         self.breaks: int | None = None
         self.begins: list[int] = []
         self.headers: dict[str, str] = {}
@@ -57,6 +58,7 @@ class Hub:
     def _handler(hub) -> type[BaseHTTPRequestHandler]:
         class Handler(BaseHTTPRequestHandler):
             def do_HEAD(self, begin: int = 0) -> None:
+                hub.asked += self.command == "HEAD"
                 self.send_response(206 if begin and hub.status == 200 else hub.status)
                 # Quoted content digests are the tags of large files.
                 headers = {

@@ -28,7 +28,7 @@ def test_commands_are_listed_by_group_on_one_line_each():
 @pytest.mark.parametrize("command", ["query", "catalog", "page", "view", "export", "movie"])
 def test_keys_stand_behind_set(command):
     text = said(command, "--help")
-    assert "--min-score" in text and "--set" in text and "temperature" not in text
+    assert "--set" in text and "temperature" not in text
 
 
 @pytest.mark.parametrize(

@@ -107,43 +107,12 @@ def test_a_broken_picture_leaves_no_frames(scene, refused, tmp_path):
     assert "folder/3.png: not a readable image" in refused(*frames(scene, **changes))
 
 
-@pytest.mark.parametrize(
-    "changes, said",
-    [
-        ({"resolution": "big"}, "frames.resolution = 'big'"),
-        ({"resolution": 1}, "frames.resolution = 1"),
-        ({"format": "avi"}, "'avi' is not one of"),
-        ({"strid": 2}, "stride"),
-    ],
-)
-def test_a_wrong_flag_is_named(scene, run_command, changes, said):
-    status, _, message = run_command(*frames(scene, **changes))
-    assert status == 2 and said in message and "Traceback" not in message
-
-
 def test_a_bad_row_of_a_trajectory_is_named_by_its_line(scene, refused):
     file = scene / "recording/mps/slam/closed_loop_trajectory.csv"
     lines = file.read_text().splitlines()
     lines[6] = lines[6].replace(",", ",far", 3)
     file.write_text("\n".join(lines))
     assert "closed_loop_trajectory.csv, line 7" in refused(*poses(scene))
-
-
-@pytest.mark.parametrize(
-    "files, problem",
-    [
-        ({"colmap/cameras.bin": "", "colmap/images.bin": ""}, "folder/colmap: has no points3D.bin"),
-        ({"transforms.json": "{}", "colmap/cameras.bin": ""}, "frames.known_poses=colmap or transforms"),
-    ],
-)
-def test_bad_known_poses_leave_no_frames(scene, refused, tmp_path, files, problem):
-    for name, text in files.items():
-        (tmp_path / "folder" / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / "folder" / name).write_text(text)
-    for index in range(4):
-        cv2.imwrite(str(tmp_path / f"folder/{index}.png"), np.full((64, 64, 3), 128, np.uint8))
-    changes = {"recording": tmp_path / "folder", "format": "plain", "resolution": 48}
-    assert problem in refused(*frames(scene, **changes))
 
 
 @pytest.mark.parametrize(

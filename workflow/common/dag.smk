@@ -2,6 +2,7 @@
 
 from snakemake.exceptions import IncompleteCheckpointException
 
+from egosplat.doctor.inputs import scene_notice
 from egosplat.pipeline import costs
 from egosplat.pipeline.code_hash import code_hash
 from egosplat.pipeline.stages import STAGES
@@ -14,9 +15,18 @@ def wait_for_survey(scene, folder):
 
 
 @cache
+def scene_named(dataset, scene):
+    """Get a scene; if its models suit its recording badly, one line says so, as egosplat run does itself."""
+    found = find_scene(scenes, dataset, scene)
+    if (told := scene_notice(found)) and workflow.is_main_process and not is_of_run:
+        print(f"egosplat: {found.name}: {told}", file=sys.stderr)
+    return found
+
+
+@cache
 def job_named(dataset, scene, variant=None, chunk=None):
     """Get the job on a scene or variant."""
-    return jobs.Job(find_scene(scenes, dataset, scene), variant, chunk, wait_for_survey)
+    return jobs.Job(scene_named(dataset, scene), variant, chunk, wait_for_survey)
 
 
 def job_of(wildcards):

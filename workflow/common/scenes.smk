@@ -12,7 +12,8 @@ from egosplat.pipeline.variants import read_scenes_with_presets
 
 # As a step ends with its Snakemake, Snakemake ends with the egosplat run that started it.
 end_with_snakemake()
-os.environ.pop(STARTED_BY, None)  # jobs on other machines start with this environment
+# Jobs on other machines start with this environment.
+is_of_run = os.environ.pop(STARTED_BY, None) is not None
 
 presets = find_home(PRESETS)
 settings = or_exit(resolve, config, presets)
@@ -27,8 +28,9 @@ if clear_stale_locks(Path(".snakemake")):
 TELL_IF_KILLED = workflow.source_path("../scripts/tell_if_killed.sh")
 AT_EXIT = f"sh {shlex.quote(TELL_IF_KILLED)} $? || true"
 
-# What the command sets beside the configuration file, as words of --config, for artifacts to record.
-usual = read_yaml(find_home(CONFIG))
+# What the command sets beside the configuration file, as words of --config, for artifacts to record; the address of a container,
+# which changes no result, may hold a password.
+usual = read_yaml(find_home(CONFIG)) | {"container": config.get("container")}
 given = sorted((key, value) for key, value in config.items() if usual.get(key) != value)
 texts = (
     (key, value if isinstance(value, str) else json.dumps(value))

@@ -1,7 +1,6 @@
 """Compute the alarms of artifacts, and tell them as lines of text."""
 
 import math
-import re
 from collections.abc import Iterable, Mapping
 from decimal import Decimal
 from pathlib import Path
@@ -10,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from egosplat.alarms.statistics import MEASURES, Figures
-from egosplat.alarms.table import CAUSES, TABLE, Alarm, AlarmRow
+from egosplat.alarms.table import ADVICE, CAUSES, CONDITION, TABLE, Alarm, AlarmRow
 from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.config import section_keys
 from egosplat.pipeline.stages import STAGES
-from egosplat.progress import NOTICE, log
+from egosplat.progress import log
 
 
 def alarms_of(*artifacts: Artifact) -> list[Alarm]:
@@ -26,16 +25,13 @@ def alarms_of(*artifacts: Artifact) -> list[Alarm]:
     for artifact in sorted(artifacts, key=lambda artifact: order.index(artifact.provenance["stage"])):
         for key, measure in MEASURES.items():
             if key.startswith(f"{artifact.schema.name}.") and (figures := measure(artifact)):
-                alarms += find_alarm(key, figures, _causes(TABLE[key], artifact))
+                alarms += find_alarm(key, figures, _made_with(TABLE[key], artifact))
     return alarms
 
 
-def find_alarm(key: str, figures: Figures, causes: str = "") -> list[Alarm]:
-    """One alarm if the value among the figures of ``statistics`` is beyond its limit, else none.
-
-    ``causes`` are the keys with their values that may have caused it.
-    """
-    row, made_with = TABLE[key], {CAUSES: causes} if causes else {}
+def find_alarm(key: str, figures: Figures, made_with: Figures | None = None) -> list[Alarm]:
+    """One alarm if the value among the figures of ``statistics`` is beyond its limit, else none; ``made_with`` is told, too."""
+    row, made_with = TABLE[key], made_with or {}
     if row.limit is None:
         return [Alarm(key, figures | made_with)]
     values = np.asarray(figures["value"], dtype=float)
@@ -57,15 +53,26 @@ def find_chance_alarm(score: Mapping[str, Any]) -> list[Alarm]:
     return [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
 
 
-def _causes(row: AlarmRow, artifact: Artifact) -> str:
-    """The keys that may have caused an alarm, with their values, if these are not the defaults."""
-    made_from = lineage([artifact]).found if row.causes else {}
-    told = []
-    for section, name in (cause.split(".") for cause in row.causes):
-        given = made_from.get(f"{section}.zarr", artifact).provenance["options"]
-        if name in given and given[name] != section_keys(section)[name]["default"]:
-            told.append(f"{section}.{name} {given[name]}")
-    return ", ".join(told)
+def _made_with(row: AlarmRow, artifact: Artifact) -> Figures:
+    """Keys that may have caused an alarm, with their values if these are not the defaults, and the advice that can be followed."""
+    found = lineage([artifact]).found if row.causes or "[" in row.advice else {}
+
+    def given(key: str) -> Any:
+        section, name = key.split(".")
+        places = (found.get(f"{section}.zarr", artifact), *found.values())
+        made = (place.provenance["options"] for place in places)
+        return next((options[name] for options in made if name in options), _default(key))
+
+    causes = ", ".join(f"{key} {given(key)}" for key in row.causes if given(key) != _default(key))
+    advice = CONDITION.sub(
+        lambda part: part[4] * ((str(given(part[1])) == part[3]) == (part[2] == "=")), row.advice
+    )
+    return ({CAUSES: causes} if causes else {}) | ({ADVICE: advice} if "[" in row.advice else {})
+
+
+def _default(key: str) -> Any:
+    section, name = key.split(".")
+    return section_keys(section)[name]["default"]
 
 
 class _Beyond(float):
@@ -100,13 +107,13 @@ def alarm_line(alarm: Alarm) -> str:
     """The alarm in one line: key, what was found, the normal range, what may have caused it, and what to do."""
     causes = f"Made with {alarm.figures[CAUSES]}. " if CAUSES in alarm.figures else ""
     row = TABLE[alarm.key]
-    advice = re.sub(r"\[(.*)\]", r"\1" if causes else "", row.advice)
+    advice = alarm.figures.get(ADVICE, CONDITION.sub(r"\4", row.advice))
     return f"{alarm.key}: {found_text(alarm)} (normal: {row.normal}). {causes}{advice}"
 
 
 def warning_lines(notice: str | None, alarms: Iterable[Alarm]) -> list[str]:
     """Format the notice on unsuitable models as ``notice: ...``, then each alarm as ``alarm: ...``."""
-    lines = [] if notice is None else [f"{NOTICE}{notice}"]
+    lines = [] if notice is None else [f"notice: {notice}"]
     return [*lines, *(f"alarm: {alarm_line(alarm)}" for alarm in alarms)]
 
 
@@ -115,8 +122,10 @@ def warnings_of(*artifacts: Artifact) -> list[str]:
     return warning_lines(notice_of_artifacts(artifacts), alarms_of(*artifacts))
 
 
-def log_warnings(stage: str, output: Path) -> None:
-    """Log the ``warning_lines`` of a stage's artifact; nothing if the stage writes no artifact."""
+def log_warnings(stage: str, output: Path, *, is_step: bool) -> None:
+    """Log the ``warning_lines`` of a stage's artifact, if it writes one; the workflow tells the notice itself, once for all steps."""
     if stage in SCHEMAS:
-        for line in warnings_of(open_artifact(output, SCHEMAS[stage])):
+        artifact = open_artifact(output, SCHEMAS[stage])
+        notice = None if is_step else notice_of_artifacts([artifact])
+        for line in warning_lines(notice, alarms_of(artifact)):
             log(line)

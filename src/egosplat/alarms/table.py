@@ -1,6 +1,7 @@
 """The table of alarms, ``alarms.csv`` in this folder. Why each limit lies there is in docs/alarms.md."""
 
 import csv
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +28,7 @@ class AlarmRow:
         limit: the end of the normal range; None if it is not a constant: then any figures are an alarm.
         normal: the normal range in words, "up to" the limit where it lies below; in the file a format of the limit.
         sentence: a format of the figures.
-        advice: what to do; in brackets what undoes the causes, said if there are any.
+        advice: what to do; in brackets, behind ``key=value:`` or ``key!=value:``, what can be done only there (``CONDITION``).
         causes: keys with which a preset or the user traded quality for time, and which may have caused it.
     """
 
@@ -43,8 +44,9 @@ class AlarmRow:
         return statistic > self.limit if self.normal.startswith("up to") else not statistic >= self.limit
 
 
-# Figure of an alarm that names the keys of ``causes`` whose values are not the defaults.
-CAUSES = "made_with"
+# Figures of an alarm: the keys of ``causes`` whose values are not the defaults, and its advice without what cannot be done.
+CAUSES, ADVICE = "made_with", "advice"
+CONDITION = re.compile(r"\[([a-z0-9_.]+)(!?=)(\w+): (.*?)\]")
 
 
 def _read() -> dict[str, AlarmRow]:

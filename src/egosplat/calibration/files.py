@@ -29,7 +29,8 @@ PICTURES = (".png", ".jpg", ".jpeg")
 # Formats that are not read: they may hold several images or more than 8 bits, or need further libraries.
 OTHER_PICTURES = (
     *(".webp", ".tif", ".tiff", ".bmp", ".gif", ".heic", ".heif", ".avif", ".jxl", ".jp2", ".jpe", ".jfif"),
-    *(".exr", ".hdr", ".ppm", ".pgm", ".tga", ".psd", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2"),
+    *(".exr", ".hdr", ".ppm", ".pgm", ".pbm", ".pnm", ".pfm", ".tga", ".psd", ".qoi", ".mpo", ".hif"),
+    *(".dng", ".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".rw2", ".orf", ".pef", ".srw"),
 )
 CAMERA_FILE, VALID_MASK, DYNAMIC_MASK = "camera.json", "valid.png", "dynamic_mask_"
 
@@ -55,12 +56,22 @@ TRAJECTORIES = {
     "ground_truth": Path("aria_trajectory.csv"),
 }
 
-# Poses that are not read, a folder or a JSON file with this key, and how they become readable; {0} is the folder.
+# Poses that are not read: a pattern of their names, what a file holds, and how they become readable; {0} is the folder, {1} the
+# file and {2} its folder. The last two are COLMAP's models where none is looked for, and what other programs and data sets write.
+_COPY, _LINK = "cp {1} {0}/transforms.json, and give {0}", "ln -s {2} {0}/colmap, and give {0}"
 _CONVERT = "nerfstudio's ns-process-data {1} --data {0} --output-dir NEW makes a folder to give"
+_GIVE = "give a COLMAP model as {0}/colmap, or {0}/transforms.json"
+_MODELS = ("cameras.bin", "sparse/[1-9]*/cameras.*", "d*/sparse/cameras.*", "d*/*/*/cameras.*")
+_OTHERS = (
+    *("poses_bounds.npy", "groundtruth.txt", "poses.txt", "traj.txt", "pose/*", "*.pose.txt", "cams/*.txt"),
+    *("cameras.sfm", "sfm_data.json", "bundle.out", "cameras.xml", "cameras.json", "odometry.csv"),
+)
 OTHER_POSES = {
-    "transforms_train.json": (b'"frames"', "cp {0}/transforms_train.json {0}/transforms.json, and give {0}"),
+    "transforms_*.json": (b'"frames"', _COPY),
     METADATA: (b'"poses"', _CONVERT.format("{0}", "record3d")),
-    "keyframes/cameras": (b"", _CONVERT.format("{0}", "polycam")),
+    "keyframes/*cameras": (b"", _CONVERT.format("{0}", "polycam")),
+    **dict.fromkeys(_MODELS, (b"", _LINK)),
+    **dict.fromkeys(_OTHERS, (b"", _GIVE)),
 }
 
 # HOI4D: its two downloads, videos and annotations; shift_mask is aligned with the video where mask is not.
@@ -278,10 +289,11 @@ def other_poses(recording: Path) -> str | None:
     """Name poses in a folder or above it that are not read, and what makes them readable; None if there are none."""
     for folder in (recording, *recording.absolute().parents[:2]):
         for name, (key, advice) in OTHER_POSES.items():
-            path = folder / name
-            # Many programs write a metadata.json.
-            if path.is_dir() or (path.is_file() and key in path.read_bytes()):
-                return f"{path}: these poses are not read; {advice.format(shlex.quote(str(folder)))}"
+            for path in sorted(folder.glob(name)):
+                # Many programs write a metadata.json.
+                if path.is_dir() or key in path.read_bytes():
+                    quoted = (shlex.quote(str(one)) for one in (folder, path, path.parent.absolute()))
+                    return f"{path}: these poses are not read; {advice.format(*quoted)}"
     return None
 
 

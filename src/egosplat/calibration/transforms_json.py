@@ -33,7 +33,7 @@ _Model = Literal["PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV
 # JSON's true and "30" are no numbers.
 _Number = Annotated[float, Field(strict=True)]
 _Name = Annotated[str, Field(min_length=1)]
-_Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+_Row = Annotated[list[_Number], Field(min_length=4, max_length=4)]
 _Matrix = Annotated[list[_Row], Field(min_length=3, max_length=4)]
 # pycolmap counts pixels in 32 bits.
 _Side = Annotated[int, Field(ge=1, lt=2**31)]

@@ -165,7 +165,7 @@ def stage_command(stage: str) -> click.Command:
             from egosplat.alarms.artifact_alarms import log_warnings
 
             import_module(STAGES[stage].module)
-        if STARTED_BY in os.environ:
+        if is_step := STARTED_BY in os.environ:
             name_lines(stage)
             # How long the result took the last time, as Snakemake measured it beside the log.
             with contextlib.suppress(OSError, IndexError):
@@ -177,7 +177,7 @@ def stage_command(stage: str) -> click.Command:
             check_output(paths["output"], STAGES[stage].output, overwrite=paths.pop("overwrite"))
         run_stage(stage, options, **paths)
         if paths.get("chunk") is None:
-            log_warnings(stage, paths["output"])
+            log_warnings(stage, paths["output"], is_step=is_step)
 
     about = {"callback": call, "params": path_flags(stage), "help": STAGES[stage].help}
     name, keys = stage.replace("_", "-"), stage_options(stage)

@@ -26,14 +26,10 @@ OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --out
 QUIET: dict[str, Any] = {"is_flag": True, "expose_value": False, "help": "Print results and errors alone."}
 QUIET["callback"] = lambda context, parameter, value: hush_log() if value else None
 
-# The key with a flag of its own in commands on a scene.
-PLAIN = "min_score"
-
 # Types of the flags that come from the table of scenes; those that are not here are texts.
 SCENE = {
     "preset": click.Choice(sorted({*PRESET_FILES, *PRESET_FILES.values()})),
     "world_seed": click.IntRange(0),
-    "camera": click.Choice(["ideal", "real"]),
     "format": click.Choice(list(STAGES["frames"].modules)),
 }
 
@@ -68,7 +64,7 @@ def parse_time(context: click.Context, parameter: click.Parameter, value: str | 
 
 class KeysCommand(click.Command):
     """A command whose callback gets ``options`` of a class, with a section ``own`` beside shared ones; ``--help`` lists their
-    keys, but if it is ``brief``: then ``PLAIN`` has a flag of its own."""
+    keys, but if it is ``brief``."""
 
     def __init__(
         self,
@@ -87,16 +83,11 @@ class KeysCommand(click.Command):
             ),
             click.Option(["--set", "pairs"], multiple=True, metavar="KEY=VALUE", help=about),
         ]
-        if brief:
-            flag = f"--{PLAIN.replace('_', '-')}"
-            flags.insert(0, click.Option([flag], metavar="VALUE", help=self._about(PLAIN)))
         super().__init__(name, params=[*params, *flags], **rest)
 
     def invoke(self, context: click.Context) -> Any:
         """Call the callback with checked options."""
         given, pairs = context.params.pop("given"), context.params.pop("pairs")
-        if (value := context.params.pop(PLAIN, None)) is not None:
-            pairs = [f"{PLAIN}={value}", *pairs]
         try:
             values = json.loads(given)
         except (ValueError, RecursionError) as error:

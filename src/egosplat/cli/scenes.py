@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from egosplat.cli.flags import ARTIFACT, OVERWRITE, QUIET, KeysCommand, parse_time, without_collection
+from egosplat.errors import without_secrets
 from egosplat.export.scene import FORMATS, export_scene
 from egosplat.files import check_output
 from egosplat.pipeline.home import ASKED, PRESET_NAMES, check_scene_folder
@@ -228,9 +229,6 @@ def movie(folder: Path, output: Path | None, overwrite: bool, options: AskingOpt
 @click.option(
     "--set", "pairs", multiple=True, metavar="KEY=VALUE", help="Key of this scene. May be repeated."
 )
-@click.option(
-    "--splat", type=FILE, help="Gaussians of SOURCE from another program, .ply or .spz: none are trained."
-)
 @click.option("--cores", type=click.IntRange(1), help="Number of processors. [default: all]")
 @click.option("--quiet", **QUIET)
 def run(
@@ -238,21 +236,16 @@ def run(
     name: str | None,
     preset: str | None,
     pairs: tuple[str, ...],
-    splat: str | None,
     cores: int | None,
     words: tuple[str, ...],
     asked: bool,
     show: bool,
 ) -> None:
-    log(f"{source}: looking at the recording")
+    log(without_secrets(f"{source}: looking at the recording"))
     from egosplat.run.command import make_scene
 
     if bool(words) != asked or not all(map(str.strip, words)):
         raise click.UsageError("give one recording, and words to ask for behind --words, none of them empty")
-    if splat is not None:
-        if any(map(str.isspace, splat)):
-            raise click.UsageError(f"--splat {splat}: has a space in its name; rename it, or give a link")
-        pairs = (*pairs, f"splats.source={splat}")
     server, during = None, contextlib.nullcontext
     if show:
         from egosplat.viewing.growing import growing_page
@@ -270,7 +263,8 @@ def run(
         query.callback(folder, words, AskingOptions())
     where, logs = shlex.quote(str(folder)), Path("logs", *folder.parts[1:])
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {folder / 'scene.html'}; logs: {logs}")
+    page = folder / "scene.html"
+    log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {page}; logs: {logs}", always=True)
     log(f"  egosplat query {where} chair table cup    where is it?")
     log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
     if server:

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from egosplat.doctor.findings import Finding, Mark, machine_findings, tried
-from egosplat.errors import UserError
+from egosplat.errors import UserError, without_secrets
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
@@ -65,7 +65,7 @@ def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[L
     config: Config = {}
     for layer in [*map(read_yaml, read), *map(_parsed, options)]:
         config = merge(config, layer)
-    return resolve(config, find_home(PRESETS)), [*map(str, read), *options]
+    return resolve(config, find_home(PRESETS)), [*map(str, read), *map(without_secrets, options)]
 
 
 def read_configurations(files: Sequence[Path], options: Sequence[str]) -> list[LayeredConfig]:

@@ -24,7 +24,7 @@ def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.flo
     """The scale of a (4, 4) similarity, and its (3, 3) rotation; ValueError if it is no rotation with a scale and a shift."""
     # The length of a row: a determinant may overflow.
     scale = math.hypot(*matrix[0, :3]) or math.nan
-    rigid = matrix.copy()
+    rigid = np.array(matrix, np.float64)
     rigid[:3, :3] /= scale
     if not (is_rigid(rigid, 1e-3) and 1 / LARGEST <= scale <= LARGEST and (abs(matrix) <= LARGEST).all()):
         raise ValueError(f"no rotation with a scale and a shift, of numbers up to {LARGEST:g}")

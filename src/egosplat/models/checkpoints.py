@@ -11,8 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from egosplat.errors import UserError
 from egosplat.files import expand_home
 
@@ -93,20 +91,16 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
 
 
 def sam2_config_file(config: str) -> Path:
-    """The YAML file of a SAM2 architecture (UserError: there is none): ``small``; a configuration of the package sam2, such as
-    ``configs/sam2.1/sam2.1_hiera_b+.yaml`` or ``sam2.1_hiera_b+``; or the path of a file."""
+    """The YAML file of a SAM2 architecture (UserError: there is none): ``small``; the path of a file; or the name of a
+    configuration of the package sam2, such as ``configs/sam2.1/sam2.1_hiera_b+.yaml``, with or without folders and suffix."""
     if config == SMALL:
         return _existing(SMALL_SAM2, "models.sam2_config")
-    published = sam2_configs()
-    name = config.removeprefix("configs/").removesuffix(".yaml").rpartition("/")[2]
-    if (file := published.get(name)) is not None:
-        # With or without its folders and suffix.
-        spelled = (f"configs/{file.parent.name}/{name}", f"{file.parent.name}/{name}", name)
-        if config.removesuffix(".yaml") in spelled:
-            return file
-    path = expand_home(config)
+    path, published = expand_home(config), sam2_configs()
     if os.path.isfile(path):
         return path
+    end = f"/{config.removesuffix('.yaml')}.yaml"
+    if (file := next((file for file in published.values() if str(file).endswith(end)), None)) is not None:
+        return file
     raise UserError(f"models.sam2_config = {config!r} is neither a file nor one of {', '.join(published)}")
 
 
@@ -182,20 +176,9 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     checkpoint = find_checkpoint(model, models[model.checkpoint_key])
     # The weights alone do not determine the results: the architecture's files count, too.
     config = models[model.config_key]
-    files = [sam2_config_file(config)] if model is SAM2 else clip_config_files(config)
-    digests = content_hash(checkpoint), *map(_description_hash, files)
-    return hashlib.sha256(" ".join(digests).encode()).hexdigest()[:16]
-
-
-def _description_hash(path: Path) -> str:
-    """Hash of a file that describes an architecture; of YAML without comments and layout."""
-    try:
-        if path.suffix != ".yaml":
-            return content_hash(path)
-        document = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, ValueError, RecursionError):  # the stage reports it
-        return content_hash(path)
-    return hashlib.sha256(repr(document).encode()).hexdigest()
+    return joint_hash(
+        [checkpoint, *([sam2_config_file(config)] if model is SAM2 else clip_config_files(config))]
+    )
 
 
 def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:

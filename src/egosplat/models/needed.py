@@ -1,5 +1,6 @@
 """The checkpoints that a configuration needs: where they lie, their license, size and digest, and how to fetch them."""
 
+import functools
 import os
 import shlex
 import shutil
@@ -9,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from egosplat.errors import UserError, reraise_as
-from egosplat.files import alone, atomic_file, expand_home
+from egosplat.files import alone, atomic_file, expand_home, write_text
 from egosplat.models.checkpoints import CLIP, PHOTO_WEIGHTS, PHOTOS, SAM2, SENTENCES, SMALL, content_hash
 from egosplat.models.suitability import configured_checkpoints
 from egosplat.pipeline.model_sets import CATALOGUE, PublishedModel, hub, locate_checkpoints, named_model
@@ -115,23 +116,26 @@ def download(files: Sequence[Needed]) -> None:
     by_hand = [f"{file.published.address} -> {file.path}" for file in missing if file.published]
     if total := sum(file.published.megabytes for file in missing if file.published):
         log(f"{total:,.0f} MB are fetched once. After Ctrl-C or an error the same command goes on")
-    for file in files:
-        if file.published:
-            if file in missing:
-                _fetch(file.published, file.path, by_hand)
-            _check_digest(file.published.sha256, file.path)
-        elif file in missing:
-            raise UserError(f"{file.key}: there is no file {file.path}, and the catalogue has none")
+    try:
+        for file in files:
+            if file.published:
+                if file in missing:
+                    _fetch(file.published, file.path, by_hand)
+                _check_digest(file.published.sha256, file.path)
+            elif file in missing:
+                raise UserError(f"{file.key}: there is no file {file.path}, and the catalogue has none")
+    finally:
+        _find_on_hub.cache_clear()  # addresses of files expire
 
 
 def why_unreachable(files: Sequence[Needed]) -> str | None:
-    """Why the hub does not answer, where one of missing published files is still to be fetched from it; None if it does."""
+    """Why no hub answers, where one of missing published files is still to be fetched from it; None if it does."""
     from huggingface_hub.errors import HfHubHTTPError
 
     for model in [file.published for file in files if file.missing and file.published]:
         try:
             with reraise_as(lambda error, model=model: _fault(model, error)):
-                _find_on_hub(model)
+                _ = _in_cache(model) or _find_on_hub(model, hub())
         except UserError as told:
             # An answer with a status is for the download to tell.
             return None if isinstance(told.__cause__, HfHubHTTPError) else str(told)
@@ -145,26 +149,33 @@ def _fault(model: PublishedModel, error: Exception, advice: str = "") -> UserErr
     return UserError(f"{model.address}: cannot be fetched: {reason}{through}{advice}")
 
 
-def _find_on_hub(model: PublishedModel) -> Any:
-    """What the hub tells about a file, an ``HfFileMetadata``; None for one that the cache of ``huggingface_hub`` has."""
-    from huggingface_hub import get_hf_file_metadata, hf_hub_url, try_to_load_from_cache
+def _in_cache(model: PublishedModel) -> Path | None:
+    """A file in the cache of ``huggingface_hub``, which other programs share; None if it is not there."""
+    from huggingface_hub import try_to_load_from_cache
 
-    if isinstance(try_to_load_from_cache(**model.on_hub), str):
-        return None
-    return get_hf_file_metadata(hf_hub_url(**model.on_hub, endpoint=hub()))
+    found = try_to_load_from_cache(**model.on_hub)
+    return Path(found).resolve() if isinstance(found, str) else None
+
+
+@functools.cache
+def _find_on_hub(model: PublishedModel, endpoint: str) -> Any:
+    """What a hub tells of a file, an ``HfFileMetadata``; it is asked once for a download (UserError: what answers is
+    no hub)."""
+    from huggingface_hub import get_hf_file_metadata, hf_hub_url
+
+    found = get_hf_file_metadata(hf_hub_url(**model.on_hub, endpoint=endpoint))
+    if not (found.etag and found.commit_hash):
+        raise UserError("what answers is no Hugging Face hub, perhaps the sign-in page of a network")
+    return found
 
 
 def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
     """Download a checkpoint; it appears under its name verified, or not at all."""
-    from huggingface_hub import hf_hub_download
-
     ways = f"The same command goes on. By hand: {'; '.join(by_hand)}; or without: models.set=photos"
     about = f"license: {model.license}; published SHA-256: {model.sha256 or 'none'}"
     log(f"{path.name}: {model.megabytes:,.0f} MB from {model.address} ({about})")
     with reraise_as(lambda error: _fault(model, error, f".\n{ways}")):
-        _fill_cache(model)
-        cached = hf_hub_download(**model.on_hub, endpoint=hub())
-    fetched = Path(cached).resolve()
+        fetched = _in_cache(model) or _fill_cache(model)
     # A large file is named there by its digest, as the hub tells it.
     told = fetched.name if len(fetched.name) == 64 else None
     try:
@@ -180,16 +191,16 @@ def _fetch(model: PublishedModel, path: Path, by_hand: Sequence[str]) -> None:
             shutil.copyfile(fetched, scratch)
 
 
-def _fill_cache(model: PublishedModel) -> None:
-    """Put a file that is not there into the cache of ``huggingface_hub``, which itself begins anew after an interruption."""
+def _fill_cache(model: PublishedModel) -> Path:
+    """Fetch a file into the cache of ``huggingface_hub``, which itself begins anew after an interruption."""
     from huggingface_hub import constants
     from huggingface_hub.file_download import http_get, repo_folder_name
     from huggingface_hub.utils import build_hf_headers
 
-    if not ((found := _find_on_hub(model)) and found.etag and found.commit_hash):
-        return  # hf_hub_download takes it, or tells what is wrong with the server
+    found = _find_on_hub(model, hub())
     names = {name: model.on_hub[name] for name in ("repo_id", "repo_type")}
-    blob = Path(constants.HF_HUB_CACHE, repo_folder_name(**names), "blobs", found.etag)
+    folder = Path(constants.HF_HUB_CACHE, repo_folder_name(**names))
+    blob = folder / "blobs" / found.etag
     # A token is for the hub alone, not for the servers behind it.
     headers = build_hf_headers() if found.location.startswith(hub()) else None
     with alone(blob.parent, f"the download of {model.file}"):
@@ -200,6 +211,13 @@ def _fill_cache(model: PublishedModel) -> None:
                     found.location, file, resume_size=file.tell(), headers=headers, expected_size=found.size
                 )
             part.rename(blob)
+        # What the library looks for: the commit of a branch, and the file's name there.
+        link = folder / "snapshots" / found.commit_hash / model.remote
+        write_text(folder / "refs" / model.revision, found.commit_hash)
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.unlink(missing_ok=True)
+        link.symlink_to(os.path.relpath(blob, link.parent))
+    return blob
 
 
 def _check_digest(published: str | None, path: Path) -> None:

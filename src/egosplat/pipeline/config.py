@@ -6,7 +6,7 @@ scene's row, variants. ``dag.decide`` adds what the survey decides.
 
 import functools
 import pkgutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -47,12 +47,14 @@ SHIPPED_LAYER = Layer("protocols", SHIPPED)
 
 
 class LayeredConfig(Config):
-    """A complete configuration, the layers that it is merged from, and its variants' by name, as far as they were asked for."""
+    """A complete configuration, the layers that it is merged from, its variants' by name, as far as they were asked for, and
+    the keys of presets as variants, by name, for a set of models."""
 
     def __init__(self, values: Mapping[str, Any], layers: Sequence[Layer] = ()) -> None:
         super().__init__(values)
         self.layers = tuple(layers)
         self.variants: dict[str, LayeredConfig] = {}
+        self.presets: Callable[[str], Mapping[str, Config]] = lambda models: {}
 
 
 @functools.cache

@@ -45,11 +45,16 @@ def read_scenes_with_presets(config: LayeredConfig, presets: Path) -> dict[tuple
 
 
 def with_presets(config: LayeredConfig, presets: Path, format: str) -> LayeredConfig:
-    """Add the presets to the variants of a scene's configuration."""
-    named = {name: preset_keys(name, presets, format, config["models"]["set"]) for name in PRESET_FILES}
-    # The user's own variants stand first.
-    order = config["variants"] | named | config["variants"]
-    return LayeredConfig(config | {"variants": order}, config.layers)
+    """Add the presets to the variants of a scene's configuration, behind the user's own."""
+
+    def named(models: str) -> dict[str, Config]:
+        names = (name for name in PRESET_FILES if name not in config["variants"])
+        return {name: preset_keys(name, presets, format, models) for name in names}
+
+    variants = config["variants"] | named(config["models"]["set"])
+    found = LayeredConfig(config | {"variants": variants}, config.layers)
+    found.presets = named
+    return found
 
 
 def reaches(stage: str, base: Config, variant: Config) -> bool:
@@ -78,21 +83,29 @@ def variant_config(base: LayeredConfig, name: str, where: str) -> LayeredConfig:
     above the scene's (UserError: there is no such variant, or a key is not allowed)."""
     if name in base.variants:
         return base.variants[name]
-    layers = []
-    for ancestor in _ancestry(base["variants"], name, where):
-        given = base["variants"][ancestor].items()
-        keys = {key: value for key, value in given if key not in ("extends", "method")}
-        for key in (*GeneralOptions.model_fields, *OF_SCENES):
-            if keys.get(key, base[key]) != base[key]:
-                raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
-        layers.append(Layer(f"variant {ancestor}", keys))
-    # A variant's ``auto`` is the scene's set.
-    config = configure([*base.layers, *layers], automatic=base["models"]["set"])
+    ancestry, models = _ancestry(base["variants"], name, where), base["models"]["set"]
+
+    def layered(variants: Mapping[str, Config]) -> LayeredConfig:
+        above = [Layer(f"variant {one}", _keys_of(variants[one], base, name)) for one in ancestry]
+        return configure([*base.layers, *above], automatic=models)  # a variant's ``auto`` is the scene's set
+
+    config = layered(base["variants"])
+    if (chosen := config["models"]["set"]) != models:
+        config = layered(base["variants"] | base.presets(chosen))
     if config["synthetic"] != base["synthetic"]:
         shared = "variants share the scene's recording; leave out the section synthetic"
         raise UserError(f"variant {name}: {shared}")
     base.variants[name] = config
     return config
+
+
+def _keys_of(variant: Config, base: Config, name: str) -> Config:
+    """The keys of the configuration among those of a variant, for the variant of a name that is or extends it."""
+    keys = {key: value for key, value in variant.items() if key not in ("extends", "method")}
+    for key in (*GeneralOptions.model_fields, *OF_SCENES):
+        if keys.get(key, base[key]) != base[key]:
+            raise UserError(f"variant {name}: a variant cannot change {key}; it holds for all of a scene")
+    return keys
 
 
 def scene_config(scene: Scene, variant: str | None) -> Config:

@@ -4,9 +4,9 @@ Notation: N Gaussians, C cameras, K spherical-harmonics coefficients, D colors, 
 The semantics are those of gsplat 1.5.3's ``rasterization``; ``api.rasterization`` documents them.
 """
 
-from dataclasses import dataclass
-from numbers import Integral
-from typing import Any
+from dataclasses import dataclass, fields
+from numbers import Integral, Real
+from typing import Any, get_args
 
 import torch
 from torch import Tensor
@@ -32,6 +32,10 @@ FAR_PLANE = 1e10
 MAX_SH_DEGREE = 3
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
+
+# What is taken for each annotation of the arguments.
+_TYPES = {Tensor: (Tensor, "a tensor"), str: (str, "a text"), int: (Integral, "a whole number")}
+_TYPES |= {float: (Real, "a number")}
 
 # Images (C, H, W, X), alpha (C, H, W, 1) and meta, as ``api.rasterization`` documents them.
 Render = tuple[Tensor, Tensor, dict[str, Any]]
@@ -85,6 +89,9 @@ def check(arguments: Arguments) -> None:
     """Validate the arguments of ``rasterization``; Gaussians may have non-finite numbers, cameras may not
     (ValueError: a shape, dtype, device, number or mode is not as ``rasterization`` documents)."""
     a = arguments
+    for field in fields(a):
+        kind, *optional = get_args(field.type) or (field.type,)
+        _check_type(field.name, getattr(a, field.name), kind, bool(optional))
     _check_choice("render_mode", a.render_mode, RENDER_MODES)
     _check_choice("rasterize_mode", a.rasterize_mode, RASTERIZE_MODES)
     _check_numbers(a)
@@ -126,15 +133,18 @@ def check_cameras(viewmats: Tensor, Ks: Tensor) -> None:
         raise ValueError(f"Ks must have no skew: {intrinsics[:, 1].tolist()}")
 
 
+def _check_type(name: str, value: object, kind: type, optional: bool) -> None:
+    type_, told = _TYPES[kind]
+    if isinstance(value, bool) or not (isinstance(value, type_) or (optional and value is None)):
+        raise ValueError(f"{name} is {value!r:.40}, not {told}")
+
+
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     if value not in choices:
         raise ValueError(f"{name} is {value!r}, not one of {', '.join(choices)}")
 
 
 def _check_numbers(a: Arguments) -> None:
-    for name, value in (("width", a.width), ("height", a.height), ("sh_degree", a.sh_degree or 0)):
-        if isinstance(value, bool) or not isinstance(value, Integral):
-            raise ValueError(f"{name} is {value!r}, not a whole number")  # noqa: TRY004
     if a.width < 1 or a.height < 1:
         raise ValueError(f"the image is {a.width} x {a.height} pixels")
     # A positive near plane keeps the perspective division and the viewing direction finite.

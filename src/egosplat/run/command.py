@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from egosplat.calibration.files import AUTO
+from egosplat.calibration.files import AUTO, source_files
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import alone, read_user_text, write_text
@@ -46,7 +46,9 @@ def make_scene(
     dataset, scene_name = split_name(name or name_of(source))
     for pair in options:
         if not pair.partition("=")[2] or any(map(str.isspace, pair)):
-            raise UserError(f"--set {pair}: is not of the form section.key=value, as in frames.stride=2")
+            raise UserError(
+                f"--set {pair}: is not of the form section.key=value without blanks, as in frames.stride=2"
+            )
     given = dict(pair.split("=", 1) for pair in options)
     unpacked = Path("results") / dataset / scene_name / "recording"
     found = read_source(source, unpacked, given.get("frames.known_poses", AUTO))
@@ -60,6 +62,8 @@ def make_scene(
         scene = put_row(config, row)
         # Their step would tell what is missing only after those before it.
         download([file for file in find_needed([scene.config]) if file.missing])
+        if source := scene.config["splats"]["source"]:
+            source_files(source)
         stride = scene.config["frames"]["stride"]
         taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
         log(
@@ -82,8 +86,8 @@ def make_scene(
 
 
 def run_snakemake(words: Sequence[str]) -> int:
-    """Run Snakemake, and get its exit status; hushed, it speaks only if it fails. A signal that ends this process ends Snakemake
-    and its steps first, which remove their unfinished outputs; a second Ctrl-C, or ten seconds, kill them."""
+    """Run Snakemake, and get its exit status; hushed, it tells alarms alone, and all if it fails. A signal that ends this process
+    ends Snakemake and its steps first, which remove their unfinished outputs; a second Ctrl-C, or ten seconds, kill them."""
     # A group of its own, so that Ctrl-C, a lost terminal or a scheduler's end reaches it once, by this process; not nohup's.
     usual, early = signal.getsignal(signal.SIGINT), list[int]()
     endings = [one for one in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(one) != signal.SIG_IGN]
@@ -99,9 +103,11 @@ def run_snakemake(words: Sequence[str]) -> int:
             signal.signal(ending, signal.default_int_handler)
         if early:
             raise KeyboardInterrupt
-        if (status := process.wait()) and kept:
+        status = process.wait()
+        if kept:
             kept.seek(0)
-            print(kept.read(), file=sys.stderr)
+            told = (line for line in kept if status or re.search(": (alarm|warning): ", line))
+            print("".join(told), end="", file=sys.stderr)
         return status
     except BaseException:
         with contextlib.suppress(ProcessLookupError):
@@ -133,22 +139,20 @@ def choose_set(config: LayeredConfig, row: dict[str, str], anew: bool) -> dict[s
     usual, light = (scene_of_row(row, config, row["scene"], real) for real in (PHOTOS, LIGHT))
     if usual.config["models"] == light.config["models"]:
         return {}
-    for table, other in () if anew else _rows_of(config, light):
-        # Rows without one are of older versions.
-        return {
-            "models.set": parse_options(other["options"], str(table)).get("models", {}).get("set", PHOTOS)
-        }
+    if not anew and (earlier := _row_of(config, light)):
+        models = parse_options(earlier[1]["options"], str(earlier[0])).get("models", {})
+        return {"models.set": models.get("set", PHOTOS)}  # rows without one are of older versions
     why = why_unreachable(find_needed([light.config]))
     bundled = f"the bundled models serve, which know less. For others: --set models.set=light ({why})"
     log(bundled if why else "small published models serve; --set models.set=photos is faster without a GPU")
     return {"models.set": PHOTOS if why else LIGHT}
 
 
-def _rows_of(config: LayeredConfig, scene: Scene) -> list[tuple[Path, dict[str, str]]]:
-    """The rows that the tables have for a scene, each with its table."""
+def _row_of(config: LayeredConfig, scene: Scene) -> tuple[Path, dict[str, str]] | None:
+    """The row that the tables have for a scene, behind its table; None if they have none."""
     tables, key = filter(Path.exists, tables_of(config)), (scene.dataset, scene.scene)
     rows = ((table, row) for table in tables for _, row in read_rows(table))
-    return [(table, row) for table, row in rows if (row["dataset"], row["scene"]) == key]
+    return next((one for one in rows if (one[1]["dataset"], one[1]["scene"]) == key), None)
 
 
 # The local table of scenes, which git ignores, has one row for each recording that was given.
@@ -157,7 +161,8 @@ def put_row(config: LayeredConfig, row: Mapping[str, str]) -> Scene:
     recording has the name, which in the local table one that is gone frees)."""
     scene = scene_of_row(dict(row), config, f"{row['dataset']}/{row['scene']}")
     path = local_table(config)
-    for table, other in _rows_of(config, scene):
+    if earlier := _row_of(config, scene):
+        table, other = earlier
         recording = Path(other["recording"])
         freed = recording.resolve() == scene.recording.resolve() or not recording.exists()
         if not (freed and table == path):

@@ -115,7 +115,7 @@ def _read_folder(folder: Path, known_poses: str) -> Source:
         if others:
             names = ", ".join(path.name for path in others[:3])
             told = f"{folder}: holds no pictures, but {names}; give one of them, such as {others[0]}"
-            raise UserError(other_poses(folder) or told)
+            raise UserError(". ".join(filter(None, (told, other_poses(folder)))))
     kind = find_known_poses(folder, known_poses)
     count = len(open_source(folder, kind).pictures)
     poses = "" if kind is None else f" with poses ({KNOWN_POSES[kind]})"

@@ -29,8 +29,9 @@ _RESTS = {0: 0, 9: 1, 24: 2, 45: 3}
 # So many Gaussians never are all alike.
 _MANY = 50
 
-# Logit that stands for an opacity of 1 or 0, which some programs write as infinite; largest coefficient of a color.
-_OPAQUE, _BRIGHTEST = 15.0, 1e4
+# Logit that stands for an opacity of 1 or 0, which some programs write as infinite, and the largest that training leaves;
+# largest coefficient of a color.
+_OPAQUE, _LARGEST, _BRIGHTEST = 15.0, 20.0, 1e4
 
 _SPZ_AXES = np.diag([1.0, -1.0, -1.0, 1.0])
 
@@ -167,8 +168,12 @@ def _check_activations(gaussians: Gaussians, path: Path) -> None:
     logits, center = gaussians.logit_opacities, gaussians.means.median(dim=0).values
     # In a scene of millimeters each may be longer than 1, but not than a hundredth of the scene.
     least, away = float(gaussians.log_scales.min()), float((gaussians.means - center).abs().median())
-    shares, lengths = logits.min() >= 0 and logits.max() <= 1, least > 0 and math.exp(least) > 1e-2 * away
+    # Percent and bytes are above what training leaves, too.
+    shares = logits.min() >= 0 and not 1 < logits.max() <= _LARGEST
+    lengths = least > 0 and math.exp(least) > 1e-2 * away
     # Of few, as of a part that was cut out, all may be faint, or large.
     if gaussians.count >= _MANY and (shares or lengths):
-        what = "opacity, in 0 to 1, has no logits" if shares else "scale_0 to 2, above 0, have no logarithms"
+        what = (
+            "opacity, never below 0, has no logits" if shares else "scale_0 to 2, above 0, have no logarithms"
+        )
         raise UserError(f"{path}: {what}. Export the parameters as training has them")

@@ -21,7 +21,7 @@ from egosplat.gaussians.trainer import begin, train_alone
 from egosplat.gaussians.training_views import Views, read_views, split_views
 from egosplat.images import shrink_image
 from egosplat.models.checkpoints import content_hash
-from egosplat.progress import NOTICE, log, track
+from egosplat.progress import log, track
 from egosplat.rasterize.api import rasterizer_used, training_device
 from egosplat.transient.network import TransientNet, make_network
 from egosplat.transient.objective import InitialObjective
@@ -43,7 +43,7 @@ def run(
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     if told := options.stays_at_start():
-        log(f"{NOTICE}{told}")
+        log(f"warning: {told}")
     options = resolve_camera(options, survey_path)
     kept, by_survey = kept_frames(frames, survey_path)
     weights = None if options.encoder_weights is None else expand_home(options.encoder_weights)

@@ -53,7 +53,8 @@ def _fill(told: dict[str, Any], folder: Path, done: threading.Event) -> None:
         while not done.wait(_EVERY_S):
             logs = Path("logs", *folder.parts[1:]).glob("*.log")
             newest = max(logs, key=os.path.getmtime, default=Path(os.devnull))
-            told["last"] = "".join(newest.read_text(errors="replace").splitlines()[-1:])
+            # A step that begins has said nothing.
+            told["last"] = "".join(newest.read_text(errors="replace").splitlines()[-1:]) or told["last"]
             for name, inputs in _SHEETS:
                 # What is not there yet, or is being replaced, is drawn another time.
                 with contextlib.suppress(UserError, OSError):

@@ -69,6 +69,8 @@ def estimated_trajectory(
     def pose(times_ns: Times) -> Array:
         times_ns = np.asarray(times_ns, dtype=np.int64)
         # The true trajectory is known only within the recording: beyond, the device stands still.
-        return drift(device_pose(np.clip(times_ns + effects.time_offset_ns, start_ns, end_ns)), times_ns)
+        return drift(
+            device_pose(np.clip(times_ns + round(effects.time_offset_ns), start_ns, end_ns)), times_ns
+        )
 
     return pose

@@ -1,25 +1,24 @@
 """The effects of a real camera, from the keys of ``synthetic``, in SI units (benchmarks/real_camera/README.md)."""
 
+import math
 from dataclasses import dataclass
-
-import numpy as np
 
 from egosplat_apartments.options import SyntheticOptions
 
-# Values of the keys that are ``auto``, with ``camera: real``; benchmarks/real_camera/README.md has their sources.
+# The effects of ``camera: real`` by group, which is a value of the key, too; benchmarks/real_camera/README.md has their sources.
 REAL = {
-    "drift_mm": 10.0,
-    "drift_deg": 0.2,
-    "time_offset_ms": 2.5,
-    "exposure_ms": 9.0,
-    "readout_ms": 5.0,
-    "auto_exposure_stops": 1.0,
-    "white_balance_percent": 3.0,
-    "shot_noise_percent": 1.0,
-    "read_noise_percent": 0.1,
-    "vignetting_percent": 10.0,
+    "poses": {"drift_m": 0.01, "drift_rad": math.radians(0.2), "time_offset_ns": 2.5e6},
+    "exposure": {"exposure_stops": 1.0, "white_balance": 0.03},
+    "shutter": {"exposure_s": 0.009, "readout_s": 0.005},
+    "sensor": {"shot_noise": 0.01, "read_noise": 0.001, "vignetting": 0.1, "jpeg_loss": 5.0},
 }
-_REAL_JPEG, _IDEAL_JPEG = 90, 95
+
+# Keys that set an effect alone, with the effect and its unit.
+KEYS = {
+    "drift_mm": ("drift_m", 1e-3),
+    "drift_deg": ("drift_rad", math.pi / 180),
+    "auto_exposure_stops": ("exposure_stops", 1.0),
+}
 
 
 @dataclass(frozen=True)
@@ -37,13 +36,13 @@ class Effects:
         shot_noise: standard deviation at white, as a fraction of it; it grows with the root of the signal.
         read_noise: standard deviation as a fraction of white.
         vignetting: fraction of the light that is lost at the edge of the lens circle, beyond the ideal lens.
-        jpeg_quality: 1 to 95.
+        jpeg_loss: by how much the quality of the stored frames is below 95.
     """
 
     drift_m: float = 0.0
     drift_rad: float = 0.0
     drift_s: float = 5.0
-    time_offset_ns: int = 0
+    time_offset_ns: float = 0.0
     exposure_s: float = 0.0
     readout_s: float = 0.0
     exposure_stops: float = 0.0
@@ -51,7 +50,7 @@ class Effects:
     shot_noise: float = 0.0
     read_noise: float = 0.0
     vignetting: float = 0.0
-    jpeg_quality: int = _IDEAL_JPEG
+    jpeg_loss: float = 0.0
 
     @property
     def drifts(self) -> bool:
@@ -69,34 +68,21 @@ class Effects:
         """Whether the sensor adds noise."""
         return bool(self.shot_noise or self.read_noise)
 
+    @property
+    def jpeg_quality(self) -> int:
+        """Quality of the stored frames, 1 to 95."""
+        return max(1, round(95 - self.jpeg_loss))
+
 
 IDEAL = Effects()
 
 
 def make_effects(options: SyntheticOptions) -> Effects:
     """The effects that the keys ask for, each multiplied by ``camera_strength``."""
-    strength, real = options.camera_strength, options.camera == "real"
-
-    def scaled(key: str) -> float:
-        value = getattr(options, key)
-        return strength * ((REAL[key] if real else 0.0) if value == "auto" else value)
-
-    quality = options.jpeg_quality
-    if quality == "auto":
-        quality = _REAL_JPEG if real else _IDEAL_JPEG
-    # Strength 0 is the ideal camera's quality, 1 the given one; beyond, the loss grows in proportion.
-    quality = round(_IDEAL_JPEG - strength * (_IDEAL_JPEG - quality))
-    return Effects(
-        drift_m=scaled("drift_mm") * 1e-3,
-        drift_rad=float(np.deg2rad(scaled("drift_deg"))),
-        drift_s=options.drift_s,
-        time_offset_ns=round(scaled("time_offset_ms") * 1e6),
-        exposure_s=scaled("exposure_ms") * 1e-3,
-        readout_s=scaled("readout_ms") * 1e-3,
-        exposure_stops=scaled("auto_exposure_stops"),
-        white_balance=scaled("white_balance_percent") * 0.01,
-        shot_noise=scaled("shot_noise_percent") * 0.01,
-        read_noise=scaled("read_noise_percent") * 0.01,
-        vignetting=scaled("vignetting_percent") * 0.01,
-        jpeg_quality=int(np.clip(quality, 1, _IDEAL_JPEG)),
-    )
+    groups = REAL if options.camera == "real" else REAL.keys() & {options.camera}
+    values = {name: value for group in groups for name, value in REAL[group].items()}
+    for key, (name, unit) in KEYS.items():
+        if (value := getattr(options, key)) != "auto":
+            values[name] = unit * value
+    strong = {name: options.camera_strength * value for name, value in values.items()}
+    return Effects(drift_s=options.drift_s, **strong)

@@ -8,7 +8,7 @@ from egosplat.geometry import is_rigid, make_pose
 from egosplat.pipeline.config import defaults, section_keys
 from egosplat_apartments.camera import exposure
 from egosplat_apartments.camera.drift import Drift, SmoothNoise, estimated_trajectory
-from egosplat_apartments.camera.effects import IDEAL, REAL, Effects, make_effects
+from egosplat_apartments.camera.effects import IDEAL, KEYS, Effects, make_effects
 from egosplat_apartments.camera.exposure import LONGEST_S, WHITE, add_noise, auto_exposure, expose
 from egosplat_apartments.camera.lens import develop, make_lens
 from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world
@@ -67,14 +67,14 @@ def test_spans():
 
 
 @pytest.mark.numerics(
-    "one frame and two: effects 16 times a real camera's, and 16 times their maxima",
+    "one frame and two: effects 16 times a real camera's, and drift and exposure 16 times their maxima",
     outside="labels and depth as the ideal camera's",
 )
 def test_extreme_cameras():
     keys = section_keys("synthetic")
     world = make_world(seed=8, seconds=2.0, objects=16, motion=0.5)
     renderer = make_renderer(world, make_lens(64))
-    for seconds, values in ((2.0, {}), (1.0, {key: keys[key]["anyOf"][0]["maximum"] for key in REAL})):
+    for seconds, values in ((2.0, {}), (1.0, {key: keys[key]["anyOf"][0]["maximum"] for key in KEYS})):
         extreme = {"camera": "real", "camera_strength": 16.0, "drift_s": 0.1} | values
         effects = make_effects(SyntheticOptions(**defaults()["synthetic"] | extreme))
         about = {"name": "x", "fps": 1.0, "seconds": seconds}

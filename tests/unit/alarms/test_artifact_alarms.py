@@ -100,9 +100,11 @@ def test_small_checkpoints_on_a_real_recording_are_reported_before_the_alarms(tm
     small = {"sam2_checkpoint": "small"}
     real = {"options": small, "origin": "real", "models": {"sam2_checkpoint": "c0de"}}
     written(tmp_path, "segments", {}, FIGURES, **real)
-    log_warnings("segments", tmp_path / "segments.zarr")
+    log_warnings("segments", tmp_path / "segments.zarr", is_step=False)
     first, *others = capfd.readouterr().err.splitlines()
     assert first == f"notice: {notice('real', small)}"
+    log_warnings("segments", tmp_path / "segments.zarr", is_step=True)
+    assert capfd.readouterr().err.splitlines() == others
     assert len(others) == 3 and all(line.startswith("alarm: segments.") for line in others)
 
 
@@ -113,7 +115,16 @@ def test_a_smaller_stride_is_advised_where_there_is_one(tmp_path, stride):
     (alarm,) = alarms_of(written(tmp_path, "poses", arrays, {}, made_from=["frames"]))
     line = alarm_line(alarm)
     assert ("reduce frames.stride" in line) == ("Made with frames.stride 5" in line) == (stride == 5)
-    assert "[" not in line and line.endswith("frames" if stride == 1 else "frames.stride")
+    assert "[" not in line and line.endswith("others" if stride == 1 else "frames.stride")
+
+
+@pytest.mark.parametrize("weights, told", [("small", True), ("sam2.1_hiera_tiny.pt", False)])
+def test_other_models_are_advised_where_they_do_not_serve(tmp_path, weights, told):
+    figures = FIGURES | {"frames_per_instance": 9.0}
+    for alarm in alarms_of(written(tmp_path, "segments", {}, figures, options={"sam2_checkpoint": weights})):
+        assert ("models.set" in alarm_line(alarm)) == told and "raise segments.points_per_side" in alarm_line(
+            alarm
+        )
 
 
 def test_models_of_colmap_are_named_with_their_frames(tmp_path):

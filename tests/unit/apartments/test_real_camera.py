@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from egosplat.pipeline.config import defaults, section_keys
+from egosplat.pipeline.config import defaults
 from egosplat.pipeline.options import keys_of
 from egosplat_apartments import stage
 from egosplat_apartments.adt_format.adt import write_sequence
-from egosplat_apartments.camera.effects import IDEAL, REAL, Effects, make_effects
+from egosplat_apartments.camera.effects import IDEAL, KEYS, REAL, Effects, make_effects
 from egosplat_apartments.camera.lens import make_lens
 from egosplat_apartments.stage import SyntheticOptions, make_renderer, record_world, run
 from tests.unit.apartments.conftest import SMALL_WORLD, digest_of
@@ -53,28 +53,29 @@ def test_the_ideal_camera_records_what_it_always_did(ideal):
 
 def test_defaults_are_an_ideal_camera_and_a_real_one_has_every_effect():
     assert effects_of() == IDEAL
-    assert {*REAL, "jpeg_quality"} <= set(section_keys("synthetic"))
-    for key, value in REAL.items():
-        assert f"auto is {value:g} under real" in keys_of(SyntheticOptions)[key]["description"], key
+    values = {key: value for group in REAL.values() for key, value in group.items()}
+    for key, (name, unit) in KEYS.items():
+        assert f"auto is {values[name] / unit:g} where" in keys_of(SyntheticOptions)[key]["description"], key
     effects = effects_of(camera="real")
     differs = {name for name, value in vars(effects).items() if value != getattr(IDEAL, name)}
     assert differs == set(vars(effects)) - {"drift_s"}
     assert effects.exposure_s == pytest.approx(0.009) and effects.time_offset_ns == 2_500_000
+    assert effects_of(camera="shutter") == Effects(exposure_s=effects.exposure_s, readout_s=effects.readout_s)
 
 
 def test_strength_is_a_factor_on_all_effects():
     once, twice = (effects_of(camera="real", camera_strength=k) for k in (1, 2))
     for name in vars(once):
-        if name not in ("drift_s", "jpeg_quality"):
+        if name != "drift_s":
             assert getattr(twice, name) == pytest.approx(2 * getattr(once, name)), name
     assert (once.jpeg_quality, twice.jpeg_quality) == (90, 85)
     assert effects_of(camera="real", camera_strength=0) == IDEAL
     assert effects_of(drift_mm=3, camera_strength=2) == Effects(drift_m=0.006)
-    assert effects_of(jpeg_quality=1, camera_strength=16).jpeg_quality == 1
+    assert effects_of(camera="sensor", camera_strength=16).jpeg_quality == 15
 
 
 @pytest.mark.parametrize(
-    "effect", [{"drift_m": 0.02}, {"drift_rad": 0.004}, {"time_offset_ns": 2_500_000}, {"jpeg_quality": 50}]
+    "effect", [{"drift_m": 0.02}, {"drift_rad": 0.004}, {"time_offset_ns": 2_500_000}, {"jpeg_loss": 45}]
 )
 def test_errors_of_the_trajectory_change_no_frame(film, ideal, effect):
     effects = Effects(**effect)

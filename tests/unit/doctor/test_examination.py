@@ -147,15 +147,6 @@ def test_kernels_that_do_not_load_are_an_error_only_where_keys_ask_for_them(fold
     assert marks("run={backend: cpu}")["kernels"] == Mark.MISSING
 
 
-def test_a_missing_reader_of_aria_recordings_is_noted(folder, monkeypatch):
-    assert "projectaria-tools" not in found()
-    find = importlib.util.find_spec
-    hidden = "projectaria_tools"
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == hidden else find(name))
-    assert found()["projectaria-tools"].mark == Mark.NOTE
-    assert "pip install" in found()["projectaria-tools"].advice
-
-
 def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
     """Training falls back to the CPU, which is slow, unless run.backend forbids it."""
 
@@ -171,11 +162,6 @@ def test_a_gpu_without_gsplat_comes_with_a_remedy(folder, monkeypatch):
     told = {finding.what: finding for finding in doctor.machine_findings(config)}
     assert told["gsplat"].mark == Mark.NOTE and "pip install" in told["gsplat"].value
     assert told["GPU"].mark == Mark.OK
-
-
-def test_little_free_disk_is_noted(folder, monkeypatch):
-    monkeypatch.setattr(doctor.shutil, "disk_usage", lambda _: SimpleNamespace(free=1024**3))
-    assert marks()["disk"] == Mark.NOTE
 
 
 def test_the_exit_status_is_1_where_something_is_missing(folder, run_command):

@@ -213,6 +213,7 @@ def test_a_run_fetches_fast_published_models_once_and_tells_size_and_digest(fold
     assert make() == "light" and {path.name for path in Path("checkpoints").iterdir()} == LIGHT
     assert "761 MB are fetched once" in caplog.text and "models light" in caplog.text
     assert "published SHA-256: none" in caplog.text and f"published SHA-256: {SHA256}" in caplog.text
+    assert server.asked == len(server.requests) == len(LIGHT)
     server.stop()  # what the user's own cache has needs no network
     shutil.rmtree("checkpoints")
     assert "Nothing is missing" in egosplat("download", "--config", "models.set=light") and make() == "light"
@@ -229,6 +230,13 @@ def test_without_a_network_the_bundled_models_serve_and_the_scene_keeps_them(fol
         TABLE.write_text(TABLE.read_text().replace("models.set=photos", ""))
         assert make() == "photos" and later.requests == []
         assert make("models.set=light") == "light" == make() == make("models.set=auto")
+
+
+def test_the_sign_in_page_of_a_network_is_no_hub(server, make, caplog):
+    server.headers = {"ETag": '"page"', "X-Repo-Commit": ""}
+    assert make() == "photos" and "sign-in page" in caplog.text and not server.requests
+    with pytest.raises(UserError, match="(?s)is no Hugging Face hub, .*goes on"):
+        make("models.set=light")
 
 
 @pytest.mark.parametrize("status", [404, 503])

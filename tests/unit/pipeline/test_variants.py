@@ -140,10 +140,15 @@ def test_other_methods_never_read_what_moves_and_share_the_geometry_without_mask
 
 
 def test_presets_that_suit_the_models_are_variants_but_for_names_of_the_configuration():
-    own = {"draft": {"features": {"dims": 4}}}
+    """Also of a variant that chooses other models than its scene, which had crops here."""
+    own = {"draft": {"features": {"dims": 4}}, "slow": {"extends": "accurate", "models": {"set": "small"}}}
     found = with_presets(resolve({"variants": own, "models": {"set": "light"}}, PRESETS), PRESETS, "adt")
     named = found["variants"]
     assert named["draft"] == own["draft"] and named["accurate"]["segments"]["crops_per_side"] == 1
+    crops = [
+        variant_config(found, name, "adt/scene1")["segments"]["crops_per_side"] for name in (*own, "accurate")
+    ]
+    assert crops == [1, BASE["segments"]["crops_per_side"], 1] != [1, 1, 1]
 
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():

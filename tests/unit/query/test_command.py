@@ -168,7 +168,7 @@ def test_a_scene_without_codes_or_things_has_no_answer_at_any_limit(word_scene, 
         return replace(scene, share=torch.zeros_like(scene.share))
 
     monkeypatch.setattr(finished_scene, "read_scene", without_codes)
-    _, out, err = query(folder, "cup", "--min-score", 0, "--overwrite")
+    _, out, err = query(folder, "cup", "--set", "min_score=0", "--overwrite")
     assert columns(out.splitlines()[3]) == ["cup", "no Gaussian of the scene has a code"], err
 
 
@@ -227,7 +227,7 @@ def test_a_pose_that_sees_nothing_gives_no_answer(word_scene, query, tmp_path):
         (["lacking"], "lacks language.zarr. Give the folder of a finished scene"),
         (["cup", "--frame", "4"], "frame 4: there are 4 frames, 0 to 3"),
         (["cup", "--set", "canonical=[]"], "query.canonical"),
-        (["cup", "--min-score", "2"], "query.min_score"),
+        (["cup", "--set", "min_score=2"], "query.min_score"),
         (["cup", "--set", "present_share=0"], "query.present_share"),
         (["another"], "was made with another OpenCLIP"),
         ([], "PHRASES"),

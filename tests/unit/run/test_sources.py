@@ -54,7 +54,7 @@ def zipped(*names: str, content: bytes = b"x") -> bytes:
     "given, file, content, said",
     [
         ("gone.mp4", None, b"", "gone.mp4: does not exist"),
-        ("https://example.org/clip.mp4", None, b"", "is a URL"),
+        ("https://me:secret@a.org/c.mp4", None, b"", "https:/...@a.org/c.mp4: is a URL"),
         ("empty", None, b"", "empty: has no png, jpg or jpeg image"),
         ("photos", "photos/a.heic", b"x", "1 .heic"),
         ("videos", "videos/a.mov", b"x", "give one of them, such as"),
@@ -87,10 +87,21 @@ def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, conte
     assert all("recording-" in str(path) for path in tmp_path.rglob("evil.png")), "none outside"
 
 
-@pytest.mark.parametrize("name, told", [("transforms_train.json", "cp "), ("metadata.json", "nerfstudio's")])
+@pytest.mark.parametrize(
+    "name, told",
+    [
+        *(
+            ("transforms_val.json", "cp "),
+            ("metadata.json", "nerfstudio's"),
+            ("poses_bounds.npy", "give a COLMAP"),
+        ),
+        *(("sparse/1/cameras.txt", "ln -s "), ("distorted/sparse/0/cameras.bin", "ln -s ")),
+    ],
+)
 def test_poses_that_are_not_read_are_told(tmp_path, capsys, name, told):
     write_pictures(folder := tmp_path / "capture/images")
-    (path := folder.with_name(name)).write_text('{"poses": [], "frames": []}')
+    (path := folder.parent / name).parent.mkdir(parents=True, exist_ok=True)
+    path.write_text('{"poses": [], "frames": []}')
     read_source(folder, tmp_path / "r")
     assert f"{path}: these poses are not read; {told}" in capsys.readouterr().err
 

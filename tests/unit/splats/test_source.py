@@ -126,6 +126,7 @@ BAD = {
     "e^100": (edited(scale_1=100.0), r"80 with scales over e\^88"),
     "colors of 3e38": (edited(f_dc_1=3e38), "80 with colors over 10000"),
     "shares": (edited(opacity=0.9), "opacity.*no logits"),
+    "bytes": (edited(opacity=250.0), "opacity.*no logits"),
     "lengths": (edited(scale_0=0.01, scale_1=0.02, scale_2=0.01), "scale_0.*no logarithms"),
     "spz 1": (header(1), "version 1; versions 2 to 4"),
     "spz 9": (header(9), "version 9; versions 2 to 4"),
