@@ -28,7 +28,7 @@ def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
     columns = ("moving", "lasting", "voting", "noise_px", "stops")
     return {
         "verdict": _tell(share, fleeting, limits)
-        + f": transient and masks {'are made' if masked else 'left out'}",
+        + f", so {'moving objects are masked' if masked else 'nothing is masked'}",
         "masking": "refined" if masked else "none",
         "share": share,
         "min_share": min_share,
@@ -45,12 +45,12 @@ def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
 def _tell(share: float | None, fleeting: float | None, limits: tuple[float, float]) -> str:
     """What moves, in words."""
     if share is None or fleeting is None:
-        return "too little can be compared to tell what moves"
+        return "too little can be compared to know what moves"
     keeps, passes = f"{100 * share:.2f} %", f"{100 * fleeting:.2f} %"
     if share < _LEAST_SHARE and fleeting <= _LEAST_FLEETING:
-        return f"nothing that stays in view moves, {passes} of the picture flickers"
-    limit = " or ".join(f"{100 * one:.3g} %" for one in limits)
-    return f"{keeps} of the picture keeps moving and {passes} moves in passing (masked from {limit})"
+        return f"nothing in view keeps moving, {passes} of the picture flickers"
+    limit = " and ".join(f"{100 * one:.3g} %" for one in limits)
+    return f"{keeps} of the picture keeps moving, {passes} moves for a short time (limits: {limit})"
 
 
 def decide_camera(motion: Motion) -> dict[str, Any]:

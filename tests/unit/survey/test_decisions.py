@@ -24,13 +24,13 @@ def motion(lasting=0.0, fleeting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6
 @pytest.mark.parametrize(
     ("lasting", "fleeting", "least", "words", "masking"),
     [
-        (0.0, 5e-4, 0.012, "nothing that stays in view moves", "none"),
-        (0.0, 1.2e-3, 0.012, "0.24 % moves in passing", "none"),
+        (0.0, 5e-4, 0.012, "nothing in view keeps moving", "none"),
+        (0.0, 1.2e-3, 0.012, "0.24 % moves for a short time", "none"),
         (3e-4, 0.0, 0.012, "0.06 % of the picture keeps moving", "none"),
         (5.9e-3, 1.4e-3, 0.012, "1.18 % of the picture keeps moving", "none"),
         (6e-3, 0.0, 0.012, "1.20 % of the picture keeps moving", "refined"),
-        (0.0, 1.5e-3, 0.012, "0.30 % moves in passing (masked from 1.2 % or 0.3 %)", "refined"),
-        (0.0, 0.0, 0.0, "nothing that stays in view moves", "refined"),
+        (0.0, 1.5e-3, 0.012, "0.30 % moves for a short time (limits: 1.2 % and 0.3 %)", "refined"),
+        (0.0, 0.0, 0.0, "nothing in view keeps moving", "refined"),
         (0.375, 0.12, 1.0, "75.00 % of the picture keeps moving", "none"),
     ],
 )
@@ -39,7 +39,7 @@ def test_little_motion_is_not_masked(lasting, fleeting, least, words, masking):
     found = decide_motion(motion(lasting=lasting, fleeting=fleeting), least)
     assert found["share"] == pytest.approx(2 * lasting) and found["fleeting"] == pytest.approx(2 * fleeting)
     assert found["masking"] == masking and words in found["verdict"]
-    assert found["verdict"].endswith("left out" if masking == "none" else "are made")
+    assert found["verdict"].endswith("nothing is masked" if masking == "none" else "moving objects are masked")
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_little_motion_is_not_masked(lasting, fleeting, least, words, masking):
 def test_what_cannot_be_told_is_masked(unknown):
     found = decide_motion(unknown, 1.0)
     assert found["share"] is None and found["fleeting"] is None and found["masking"] == "refined"
-    assert "to tell what moves: transient and masks are made" in found["verdict"]
+    assert "to know what moves, so moving objects are masked" in found["verdict"]
 
 
 def test_a_pair_that_is_not_judged_does_not_count():

@@ -29,7 +29,7 @@ def test_a_static_scene_needs_no_masks(scene, trajectory, still):
     folder = scene(trajectory, still)
     survey = surveyed(folder)
     motion = survey["motion"]
-    assert motion["verdict"].startswith("nothing that stays in view moves") and motion["masking"] == "none"
+    assert motion["verdict"].startswith("nothing in view keeps moving") and motion["masking"] == "none"
     assert motion["voting"] > 0.3 and motion["noise_px"] < 0.3 and len(motion["pairs"]) == 7
     assert not survey["camera"]["refine_poses"] and not survey["camera"]["compensate_exposure"]
     assert survey["origin"] == survey["provenance"]["origin"] == "synthetic"
