@@ -39,7 +39,9 @@ def test_little_motion_is_not_masked(lasting, fleeting, least, words, masking):
     found = decide_motion(motion(lasting=lasting, fleeting=fleeting), least)
     assert found["share"] == pytest.approx(2 * lasting) and found["fleeting"] == pytest.approx(2 * fleeting)
     assert found["masking"] == masking and words in found["verdict"]
-    assert found["verdict"].endswith("nothing is masked" if masking == "none" else "moving objects are masked")
+    assert found["verdict"].endswith(
+        "nothing is masked" if masking == "none" else "moving objects are masked"
+    )
 
 
 @pytest.mark.parametrize(
