@@ -5,7 +5,6 @@ from collections.abc import Sequence
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
 
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import l1_ssim
@@ -54,19 +53,17 @@ def start_points(end: End, views: Sequence[PlaceView], recording: Recording) -> 
     return made.to(recording.gaussians.means.device)
 
 
-def fit(
-    start: Gaussians, views: Sequence[PlaceView], recording: Recording, radius: float, iterations: int
-) -> Gaussians:
+def fit(start: Gaussians, views: Sequence[PlaceView], seed: int, radius: float, iterations: int) -> Gaussians:
     """Train Gaussians that explain views on top of the scene; one view an iteration."""
     copies = {name: value.detach().clone() for name, value in start.parameters().items()}
     gaussians = Gaussians(**copies).requires_grad_()
     optimizer = Adam(gaussians, LearningRates(means=_RATE * radius, **_RATES))
-    draw, order = np.random.default_rng(recording.seed), []
+    draw, order = np.random.default_rng(seed), []
     for _ in range(iterations):
         order = order or draw.permutation(len(views)).tolist()
         view = views[order.pop()]
         optimizer.zero_grad()
-        image, weight = view.render(recording, gaussians), torch.from_numpy(view.shown)
+        image, weight = view.render(gaussians), torch.from_numpy(view.shown)
         loss = l1_ssim(image, view.colors.to(image), weight.to(image), _SSIM_LAMBDA)
         (loss + _OPACITY_WEIGHT * gaussians.opacities.mean()).backward()
         optimizer.step(None)
@@ -75,43 +72,34 @@ def fit(
 
 
 @torch.no_grad()
-def essential(gaussians: Gaussians, views: Sequence[PlaceView], recording: Recording) -> Gaussians:
+def essential(gaussians: Gaussians, views: Sequence[PlaceView]) -> Gaussians:
     """Those Gaussians that are mostly where the error falls; the others repeat the scene around the thing."""
     total = torch.zeros(gaussians.count, 2, dtype=torch.float64)
     for view in views:
-        both = np.stack([improved(view, gaussians, recording), view.shown], axis=-1)
+        both = np.stack([improved(view, gaussians), view.shown], axis=-1)
         pixels = torch.from_numpy(both).float()
-        every = view.with_scene(recording, gaussians)
-        seen = view_of(every, view.camera, view.camera_to_world, recording.settings)
+        every = view.with_scene(gaussians)
+        seen = view_of(every, view.camera, view.camera_to_world, view.recording.settings)
         total += sum_over_pixels(seen, pixels.to(every.means.device))[-gaussians.count :].double().cpu()
     kept = (total[:, 0] > _HALF * total[:, 1]).to(gaussians.means.device)
     return gaussians.select(kept & gaussians.finite() & (gaussians.opacities >= _LEAST_OPACITY))
 
 
 @torch.no_grad()
-def improved(view: PlaceView, gaussians: Gaussians, recording: Recording) -> NDArray[np.bool_]:
+def improved(view: PlaceView, gaussians: Gaussians) -> NDArray[np.bool_]:
     """(h, w) bool: shown pixels whose error is clearly lower with Gaussians than without."""
-    before, after = _errors(view, gaussians, recording)
-    return (before - after > _CHANGED).cpu().numpy() & view.shown
+    return (view.error - view.error_with(gaussians) > _CHANGED).cpu().numpy() & view.shown
 
 
 @torch.no_grad()
-def explained(gaussians: Gaussians, views: Sequence[PlaceView], recording: Recording) -> Array:
+def explained(gaussians: Gaussians, views: Sequence[PlaceView]) -> Array:
     """(V, 3) float64 for the pixels of each view that Gaussians change: by how much their absolute error falls, the larger of
     the errors without and with them, and the number of pixels."""
     rows = []
     for view in views:
-        before, after = _errors(view, gaussians, recording)
+        before, after = view.error, view.error_with(gaussians)
         changed = ((before - after).abs() > _CHANGED) & torch.from_numpy(view.shown).to(before.device)
         before, after = before[changed].double(), after[changed].double()
         larger = torch.maximum(before, after)
         rows.append((float((before - after).sum()), float(larger.sum()), int(changed.sum())))
     return np.array(rows, np.float64).reshape(-1, 3)
-
-
-def _errors(view: PlaceView, gaussians: Gaussians, recording: Recording) -> tuple[Tensor, Tensor]:
-    """(h, w) absolute errors, summed over colors, without and with Gaussians."""
-    images = view.render(recording), view.render(recording, gaussians)
-    colors = view.colors.to(images[0])
-    before, after = ((image.clamp(0.0, 1.0) - colors).abs().sum(dim=-1) for image in images)
-    return before, after

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import torch
@@ -26,6 +26,8 @@ _SIDE = 256
 _MARGIN, _SMALLEST = 8, 12
 # A place is nearer than the surface that hides it by more than its radius and this share of its depth, which Gaussians tell no better.
 _OF_DEPTH = 0.04
+# Views whose Gaussians of the scene are kept for the next iterations, a megabyte each.
+_KEPT = 128
 # A Gaussian ends at so many of its standard deviations.
 _REACH = 3.0
 
@@ -99,6 +101,7 @@ class PlaceView:
     (K,) int64 Gaussians of the scene that may reach into it, and the (h, w) bool pixels that show the scene, and nothing else
     that moves."""
 
+    recording: Recording
     frame: int
     corner: tuple[int, int]
     camera: Camera
@@ -112,19 +115,34 @@ class PlaceView:
         """(h, w, 3) float32 in [0, 1]."""
         return torch.from_numpy(self.picture).float() / 255.0
 
-    def with_scene(self, recording: Recording, more: Gaussians | None) -> Gaussians:
-        """The Gaussians of the scene that may be seen here, then more."""
-        near = recording.gaussians.select(self.near)
-        return near if more is None else Gaussians.concatenate([near, more])
+    @cached_property
+    def error(self) -> Tensor:
+        """(h, w) ``error_with`` the scene alone."""
+        return self.error_with(self.recording.gaussians.select(self.near[:0]))
 
-    def render(self, recording: Recording, more: Gaussians | None = None) -> Tensor:
+    def error_with(self, more: Gaussians) -> Tensor:
+        """(h, w) absolute error, summed over colors, with more Gaussians than the scene's."""
+        image = self.render(more)
+        return (image.clamp(0.0, 1.0) - self.colors.to(image)).abs().sum(dim=-1)
+
+    def with_scene(self, more: Gaussians) -> Gaussians:
+        """The Gaussians of the scene that may be seen here, then more."""
+        return Gaussians.concatenate([_scene_near(self), more])
+
+    def render(self, more: Gaussians) -> Tensor:
         """Render (h, w, 3) as the camera would take it, with more Gaussians than the scene's."""
-        scene = replace(recording, gaussians=self.with_scene(recording, more))
+        recording = self.recording
+        scene = replace(recording, gaussians=self.with_scene(more))
         image = scene.rendered(self.camera, self.camera_to_world)
         if recording.log_gains is None:
             return image
         log_gain, colors = recording.log_gains[self.frame], self.colors.to(image)
         return expose(image, log_gain, recording.compression, colors)
+
+
+@lru_cache(_KEPT)
+def _scene_near(view: PlaceView) -> Gaussians:
+    return view.recording.gaussians.select(view.near)
 
 
 def see_places(ends: Sequence[End], frames: NDArray[np.int64], recording: Recording) -> list[list[PlaceView]]:
@@ -150,7 +168,8 @@ def see_places(ends: Sequence[End], frames: NDArray[np.int64], recording: Record
             own = (labels[:, top:bottom, left:right] == end.track).any(axis=0) & recording.valid[cut]
             camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
             near, colors = _near(local, reach, camera), picture[cut].copy()
-            seen.append(PlaceView(frame, (left, top), camera, pose, near, colors, shows[cut] | own))
+            cropped = (left, top), camera, pose, near, colors, shows[cut] | own
+            seen.append(PlaceView(recording, frame, *cropped))
     return views
 
 

@@ -154,16 +154,16 @@ def _learn_from(
     if len(first) < _LEAST_VIEWS:
         return None
     some = [views[number] for number in first]
-    gaussians = fit(start_points(end, some, recording), some, recording, end.radius, _FIRST_STEPS)
-    shown = _span(beyond, _shares(explained(gaussians, views, recording)))
+    gaussians = fit(start_points(end, some, recording), some, recording.seed, end.radius, _FIRST_STEPS)
+    shown = _span(beyond, _shares(explained(gaussians, views)))
     if shown.sum() < _LEAST_VIEWS:
         return None
     chosen = [views[number] for number in np.flatnonzero(shown).tolist()]
-    gaussians = essential(fit(gaussians, chosen, recording, end.radius, _STEPS), chosen, recording)
+    gaussians = essential(fit(gaussians, chosen, recording.seed, end.radius, _STEPS), chosen)
     if int((gaussians.opacities >= _OPAQUE).sum()) < _LEAST_OPAQUE:
         return None
-    gaussians = fit(gaussians, chosen, recording, end.radius, _LAST_STEPS)
-    fewer, most, _ = explained(gaussians, chosen, recording).sum(axis=0)
+    gaussians = fit(gaussians, chosen, recording.seed, end.radius, _LAST_STEPS)
+    fewer, most, _ = explained(gaussians, chosen).sum(axis=0)
     gain = float(fewer / most) if most > 0 else 0.0
     if gain < _LEAST_GAIN:
         return None

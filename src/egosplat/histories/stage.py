@@ -141,7 +141,7 @@ def _columns_of_rests(
         files = options.clip_model, options.clip_checkpoint
         clip = load_clip_of(views, *files, options.device, options.precision)
         turned = lies_on_its_side(recording.frames)
-        looks = [look_at(rest, recording, clip, turned) for rest in rests]
+        looks = [look_at(rest, clip, turned) for rest in rests]
     empty = recording.gaussians.select(torch.arange(0))
     every = Gaussians.concatenate([*(rest.gaussians for rest in rests), empty])
     names = [name for name in PARAMETERS if name != "features"]

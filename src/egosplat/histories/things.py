@@ -13,7 +13,6 @@ from egosplat.features.aggregation import aggregate
 from egosplat.features.crops import channels, encode, fill_hull, pad_square, resize
 from egosplat.geometry import Array
 from egosplat.histories.fitting import improved
-from egosplat.histories.places import Recording
 from egosplat.histories.rests import Rest
 from egosplat.images import evenly_spaced
 from egosplat.language.vectors import unit, usable
@@ -92,14 +91,12 @@ def features_of(owner: Ints, every: Array) -> Floats:
     return unit(aggregate(every[rows], owner[rows], count, *_AGGREGATION).feature).astype(np.float32)
 
 
-def look_at(
-    rest: Rest, recording: Recording, clip: OpenClip, turned: bool
-) -> tuple[int, tuple[int, int, int, int], Array]:
+def look_at(rest: Rest, clip: OpenClip, turned: bool) -> tuple[int, tuple[int, int, int, int], Array]:
     """Encode what the frames show where the Gaussians of a rest explain them: the frame that shows most of it, x0, y0, x1, y1
     around it there [px], and the (D,) float64 mean feature of unit norm, zeros without one. ``turned`` pictures lie on their
     side."""
     views = [rest.views[index] for index in evenly_spaced(len(rest.views), _VIEWS)]
-    masks = [improved(view, rest.gaussians, recording) for view in views]
+    masks = [improved(view, rest.gaussians) for view in views]
     areas = [int(mask.sum()) for mask in masks]
     wanted, crops = clip.preprocessing, []
     for view, mask, area in zip(views, masks, areas, strict=True):
