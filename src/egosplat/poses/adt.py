@@ -5,7 +5,6 @@ semi-dense points are a gzipped table (projectaria_tools, "MPS output - Semi-den
 import gzip
 import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 
 from egosplat.calibration.files import MPS_FOLDER, POINTS, TRAJECTORIES, find_points
 from egosplat.errors import UserError
-from egosplat.geometry import Camera
+from egosplat.geometry import Camera, known_poses
 from egosplat.poses.options import PosesOptions
 from egosplat.poses.result import Poses, mean_camera_up
 from egosplat.poses.trajectory import MAX_POSITION_M, interpolate_trajectory, read_trajectory
@@ -54,8 +53,8 @@ def adt_poses(
         raise UserError(f"{path} is missing: download it{''.join(advice)}")
     trajectory = read_trajectory(path)
     # EgoLifter takes the nearest row instead (docs/method.md#trajectory).
-    world_from_device, notes = interpolate_trajectory(trajectory, exposure_middle_ns, MAX_GAP_MS)
-    if not notes["registered"]:
+    world_from_device = interpolate_trajectory(trajectory, exposure_middle_ns, MAX_GAP_MS)
+    if not len(registered := known_poses(world_from_device)):
         first, last = trajectory.timestamp_ns[[0, -1]] * 1e-9
         raise UserError(
             f"{path} covers {first:.3f} s to {last:.3f} s, and no frame from {exposure_middle_ns.min() * 1e-9:.3f} s to "
@@ -64,48 +63,36 @@ def adt_poses(
         )
     # Both trajectories are in ADT's scene frame, which ADT publishes already aligned: no alignment is needed here.
     camera_to_world = world_from_device @ device_from_camera
-    points, point_notes = read_semidense_points(folder, options)
-    up = mean_camera_up(camera_to_world[np.isfinite(camera_to_world).all(axis=(1, 2))])
+    points = read_semidense_points(folder, options)
+    up = mean_camera_up(camera_to_world[registered])
     # Accurate for small angles, unlike the arc cosine.
     tilt = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(trajectory.up, up)), trajectory.up @ up)))
     if tilt > MAX_TILT_DEG:
         log(f"{path}: up is {tilt:.0f} degrees from up in the frames: are the frames upright?")
-    notes |= {
-        "trajectory": options.trajectory,
-        "up_against_pictures_deg": tilt,
-        "scale": "meters",
-        **point_notes,
-    }
     colors = np.full(points.shape, GRAY, np.uint8)
-    return Poses(camera_to_world, camera, points, colors, trajectory.up, notes)
+    return Poses(camera_to_world, camera, points, colors, trajectory.up, {"scale": "meters"})
 
 
-def read_semidense_points(folder: Path, options: PosesOptions) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter),
-    and their notes. UserError if the file is damaged, or a closed loop has none of them."""
+def read_semidense_points(folder: Path, options: PosesOptions) -> NDArray[np.float64]:
+    """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter).
+    UserError if the file is damaged, or a closed loop has none of them."""
     path, required = find_points(folder / MPS_FOLDER), options.trajectory == "closed_loop"
     if path is None and required:
         raise UserError(f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud")
     if path is None:
-        return np.empty((0, 3)), {"points": 0, "points_missing": "the recording has no semi-dense points"}
+        return np.empty((0, 3))
     try:
         table = pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64)
     except (ValueError, gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise UserError(f"{path} is not a readable MPS point cloud ({error}); download it again") from error
     position = table[_POSITION].to_numpy()
-    failed = {
-        "not_finite": ~np.isfinite(position).all(axis=1),
-        "too_far": (np.abs(position) > MAX_POSITION_M).any(axis=1),
-        "inv_dist_std": ~(table["inv_dist_std"].to_numpy() < MAX_INV_DIST_STD),
-        "dist_std": ~(table["dist_std"].to_numpy() < MAX_DIST_STD_M),
-    }
-    points = position[~np.logical_or.reduce(list(failed.values()))]
-    rejected = {name: int(mask.sum()) for name, mask in failed.items()}
-    notes = {"points": len(points), "points_read": len(table), "points_rejected": rejected}
+    # A position that is no number is not within it either.
+    near = (np.abs(position) <= MAX_POSITION_M).all(axis=1)
+    sure = (table["inv_dist_std"] < MAX_INV_DIST_STD) & (table["dist_std"] < MAX_DIST_STD_M)
+    points = position[near & sure.to_numpy()]
     if not len(points) and required:
         raise UserError(
             f"{path}: none of {len(table)} points passes inv_dist_std < {MAX_INV_DIST_STD} and dist_std < {MAX_DIST_STD_M}: "
             "process the recording again, or set poses.trajectory to ground_truth"
         )
-    missing = {} if len(points) else {"points_missing": "no semi-dense point passes the filter"}
-    return points, notes | missing
+    return points

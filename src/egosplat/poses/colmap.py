@@ -49,34 +49,24 @@ def colmap_poses(
     for frame, image in registered_images(model):
         matrix = image.cam_from_world().matrix()
         camera_to_world[frame] = invert(make_pose(matrix[:, :3], matrix[:, 3]))
-    points, colors, point_notes = filter_points(model)
+    points, colors = filter_points(model)
     registered = camera_to_world[np.isfinite(camera_to_world).all(axis=(1, 2))]
     notes |= {
-        "registered": len(registered),
         "reprojection_error_px": model.compute_mean_reprojection_error(),
-        "track_length": model.compute_mean_track_length(),
         "parallax_deg": find_parallax(registered[:, :3, 3], points),
-        "camera_refined": not camera_known,
         "scale": "arbitrary",
-        **point_notes,
     }
     (refined,) = model.cameras.values()
     pinhole = Camera(refined.width, refined.height, *map(float, refined.params))
     return Poses(camera_to_world, pinhole, points, colors, mean_camera_up(registered), notes)
 
 
-def filter_points(
-    model: pycolmap.Reconstruction,
-) -> tuple[NDArray[np.float64], NDArray[np.uint8], dict[str, Any]]:
-    """(P, 3) float64 points of long enough tracks and small enough errors, (P, 3) uint8 RGB, and numbers for the notes."""
-    points = [point for _, point in sorted(model.points3D.items())]
-    short = np.array([point.track.length() for point in points]) < MIN_TRACK_LENGTH
-    far = ~(np.array([point.error for point in points]) <= MAX_REPROJECTION_ERROR_PX)
-    kept = [points[index] for index in np.flatnonzero(~(short | far))]
-    notes = {
-        "points": len(kept),
-        "points_read": len(points),
-        "points_rejected": {"track_length": int(short.sum()), "reprojection_error": int(far.sum())},
-    }
+def filter_points(model: pycolmap.Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+    """(P, 3) float64 points of long enough tracks and small enough errors, and (P, 3) uint8 RGB."""
+    kept = [
+        point
+        for _, point in sorted(model.points3D.items())
+        if point.track.length() >= MIN_TRACK_LENGTH and point.error <= MAX_REPROJECTION_ERROR_PX
+    ]
     positions = np.array([point.xyz for point in kept], dtype=np.float64).reshape(-1, 3)
-    return positions, np.array([point.color for point in kept], dtype=np.uint8).reshape(-1, 3), notes
+    return positions, np.array([point.color for point in kept], dtype=np.uint8).reshape(-1, 3)

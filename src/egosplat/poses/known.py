@@ -51,10 +51,6 @@ def known_poses(recording: Path, facts: Mapping[str, Any], options: PosesOptions
     notes = {
         "source": "known",
         "file": str(path.relative_to(recording.parent)),
-        "frames": len(row),
-        "registered": int(registered.sum()),
-        "points": int(kept.sum()),
-        "points_read": len(known.points),
         "scale": "arbitrary" if options.meters_per_unit is None else "meters",
         "parallax_deg": find_parallax(camera_to_world[registered, :3, 3], points),
         **known.notes,

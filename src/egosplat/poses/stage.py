@@ -42,7 +42,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOpt
         artifact.put("up", poses.up)
         artifact.put("points/xyz", poses.points)
         artifact.put("points/rgb", poses.point_rgb)
-        artifact.facts = {"notes": poses.notes}
+        artifact.facts = {"notes": poses.notes | {"points": len(poses.points)}}
 
 
 def _find_poses(source: str, recording: Path, frames: Artifact, options: PosesOptions) -> Poses:

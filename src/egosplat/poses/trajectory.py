@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -93,9 +92,9 @@ def _read_table(path: Path) -> pd.DataFrame:
 
 def interpolate_trajectory(
     trajectory: Trajectory, timestamp_ns: NDArray[np.int64], max_gap_ms: float
-) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """Interpolate the device's poses at (F,) int64 times: (F, 4, 4) float64, and numbers for the notes. A
-    time outside the trajectory, or between rows more than ``max_gap_ms`` apart, gets NaN."""
+) -> NDArray[np.float64]:
+    """Interpolate the device's poses at (F,) int64 times: (F, 4, 4) float64. A time outside the trajectory,
+    or between rows more than ``max_gap_ms`` apart, gets NaN."""
     times = trajectory.timestamp_ns
     inside = (timestamp_ns >= times[0]) & (timestamp_ns <= times[-1])
     after = np.clip(np.searchsorted(times, timestamp_ns), 1, len(times) - 1)
@@ -105,10 +104,4 @@ def interpolate_trajectory(
     known = inside & (gap_ms <= max_gap_ms)
     poses = np.full((len(timestamp_ns), 4, 4), np.nan)
     poses[known] = interpolate_poses(times, trajectory.world_from_device, timestamp_ns[known])
-    return poses, {
-        "frames": len(known),
-        "registered": int(known.sum()),
-        "frames_outside_trajectory": int((~inside).sum()),
-        "frames_in_gaps": int((inside & ~known).sum()),
-        "largest_gap_bridged_ms": float(gap_ms[known].max(initial=0.0)),
-    }
+    return poses

@@ -79,7 +79,7 @@ def test_signs_of_quaternions(write, measured, signs):
     plain = Rotation.from_rotvec(np.outer(angles, AXIS)).as_quat()
     wanted = np.arange(0, 5_000_000, 250_000)
     found, truth = (
-        interpolate_trajectory(read_trajectory(write(times, rows)), wanted, 50.0)[0]
+        interpolate_trajectory(read_trajectory(write(times, rows)), wanted, 50.0)
         for rows in (plain * np.array(signs)[:, None], plain)
     )
     measured(np.abs(found - truth).max())
@@ -123,7 +123,7 @@ def test_frames_out_of_order(write, measured, order):
     trajectory = read_trajectory(write(np.arange(5) * 1000, rows))
     times = np.arange(8) * 500_000
     orders = list(range(8)), list(order)
-    found, shuffled = (interpolate_trajectory(trajectory, times[each], 50.0)[0] for each in orders)
+    found, shuffled = (interpolate_trajectory(trajectory, times[each], 50.0) for each in orders)
     measured(np.abs(shuffled - found[list(order)]).max())
 
 
@@ -138,20 +138,19 @@ def test_times_out_of_order(times):
 def test_two_rows(write, measured):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5], AXIS)).as_quat()
     trajectory = read_trajectory(write([0, 1000], rows))
-    found, _ = interpolate_trajectory(trajectory, np.array([0, 500_000, 1_000_000]), 50.0)
+    found = interpolate_trajectory(trajectory, np.array([0, 500_000, 1_000_000]), 50.0)
     measured(np.abs(found - poses([0.0, 0.25, 0.5])).max())
     for count in (0, 1):
         with pytest.raises(UserError, match=f"has {count} rows"):
             read_trajectory(write([0, 1000][:count], rows[:count]))
 
 
-@pytest.mark.numerics("frames outside a trajectory, or in too long a gap", outside="no pose (NaN), counted")
+@pytest.mark.numerics("frames outside a trajectory, or in too long a gap", outside="no pose (NaN)")
 def test_frames_without_a_pose(write):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5, 0.6], AXIS)).as_quat()
     trajectory = read_trajectory(write([0, 1000, 500_000], rows))
-    found, notes = interpolate_trajectory(trajectory, np.array([-1, 250_000_000, 500_000_001]), 50.0)
-    assert notes["registered"] == 0 and np.isnan(found).all()
-    assert (notes["frames_outside_trajectory"], notes["frames_in_gaps"]) == (2, 1)
+    found = interpolate_trajectory(trajectory, np.array([-1, 250_000_000, 500_000_001]), 50.0)
+    assert np.isnan(found).all()
 
 
 @pytest.mark.numerics("inverse of poses 1 to 1e12 m from the origin, and back", within=1e-14)

@@ -39,7 +39,6 @@ def test_poses_are_exact_at_rows_and_interpolated_between_them(table, recording)
     devices = make_pose(turns, np.array([[x, 1.5, -0.25] for x in (1.01, 1.015, 1.0025)]))
     np.testing.assert_allclose(poses.camera_to_world, devices @ MOUNT, atol=1e-12)
     assert poses.registered.all()
-    assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize(
@@ -91,19 +90,16 @@ def test_points_are_filtered_by_both_uncertainties(table, recording):
     poses = poses_at(recording(table, points, closed_loop=True), [1_000_000], "closed_loop")
     np.testing.assert_array_equal(poses.points, [[0.0, 0.0, 0.5]])
     np.testing.assert_array_equal(poses.point_rgb, [[128, 128, 128]])
-    assert poses.notes["points_read"] == 7
-    assert poses.notes["points_rejected"] == {"not_finite": 1, "too_far": 1, "inv_dist_std": 3, "dist_std": 2}
 
 
 def test_points_are_optional_for_ground_truth_only(table, recording):
     folder = recording(table)
     recording(table, closed_loop=True)
     assert poses_at(folder, [1_000_000]).points.shape == (0, 3)
-    assert "points_missing" in poses_at(folder, [1_000_000]).notes
     with pytest.raises(UserError, match="semidense_points.csv.gz.*global_points.csv.gz"):
         poses_at(folder, [1_000_000], "closed_loop")
     recording(table, cloud([1.0], [1.0]))
-    assert "points_missing" in poses_at(folder, [1_000_000]).notes
+    assert poses_at(folder, [1_000_000]).points.shape == (0, 3)
     with pytest.raises(UserError, match="1 points .*inv_dist_std < 0.001"):
         poses_at(folder, [1_000_000], "closed_loop")
 
@@ -140,9 +136,7 @@ def test_poses_of_real_frames_are_upright_and_move_little(real_data):
     poses = adt_poses(folder, times, sensor @ CLOCKWISE, CAMERA, PosesOptions(trajectory="ground_truth"))
     # The first frame was captured 97 microseconds before the ground truth begins.
     assert poses.registered.tolist() == [False, True, True]
-    assert poses.notes["largest_gap_bridged_ms"] == pytest.approx(33.328)
     np.testing.assert_allclose(poses.up, [0.0, 1.0, 0.0], atol=1e-12)
-    assert poses.notes["up_against_pictures_deg"] < 45.0
     assert np.linalg.norm(np.diff(poses.camera_to_world[1:, :3, 3], axis=0)) < 0.01
     assert poses.points.shape == (0, 3)
     with pytest.raises(UserError, match="closed_loop_trajectory.csv"):
@@ -154,9 +148,9 @@ def test_frames_that_are_not_upright_are_reported(table, recording, capsys):
     for turn_deg, told in ((180.0, False), (90.0, True), (0.0, True)):
         # The device's y axis points up, as does -y of a camera rotated by 180 degrees about z.
         mount = make_pose(Rotation.from_rotvec([0.0, 0.0, np.radians(turn_deg)]).as_matrix(), np.zeros(3))
-        poses = poses_at(folder, [1_000_000], mount=mount)
-        assert poses.notes["up_against_pictures_deg"] == pytest.approx(180.0 - turn_deg)
-        assert ("are the frames upright?" in capsys.readouterr().err) == told
+        poses_at(folder, [1_000_000], mount=mount)
+        words = f"up is {180 - turn_deg:.0f} degrees from up in the frames: are the frames upright?"
+        assert (words in capsys.readouterr().err) == told
 
 
 @pytest.mark.parametrize("trajectory", ["closed_loop", "ground_truth"])

@@ -100,8 +100,8 @@ class Project:
             (self.camera.camera_id,) = (entered.camera_id for entered in database.read_all_cameras())
             database.update_camera(self.camera)
 
-    def extract(self, threads: int) -> NDArray[np.int64]:
-        """Extract SIFT features: (F,) int64 number of them in each image. UserError if too few images have enough."""
+    def extract(self, threads: int) -> None:
+        """Extract the SIFT features of the images. UserError if too few images have enough."""
         # The images are in the database already, so their ids do not depend on the order of the threads.
         options = pycolmap.FeatureExtractionOptions(num_threads=threads)
         options.sift.max_num_features = _MAX_FEATURES
@@ -121,7 +121,6 @@ class Project:
                 f" features or more (median {int(np.median(counts))}, maximum {counts.max()}); use sharper, brighter"
                 " or larger frames"
             )
-        return counts
 
     def _extract(self, names: list[str], options: pycolmap.FeatureExtractionOptions) -> None:
         """Extract features of some images, in place of what they have, if they have too few."""

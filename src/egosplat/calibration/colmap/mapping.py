@@ -60,11 +60,10 @@ def reconstruct(
         check_camera_moves(project)
         pycolmap.set_random_seed(SEED)
         project.import_images()
-        features = project.extract(threads)
+        project.extract(threads)
         notes = match_images(project, matching, SEED, threads)
         project.check_free_space()
-        notes = {"frames": len(features), "features_median": float(np.median(features))} | notes
-        return _map(project), notes
+        return _map(project), {"frames": len(project.names)} | notes
 
 
 def _map(project: Project) -> list[pycolmap.Reconstruction]:
