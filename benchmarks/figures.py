@@ -37,7 +37,7 @@ def figure(scenes: list[Clusters], scale: float, form: str, unit: str, most: flo
     if not scenes:
         return "-"
     interval = clustered_interval(scenes, most=most)
-    bounds = "" if interval is None else f" ({scale * interval.low:{form}} to {scale * interval.high:{form}})"
+    bounds = "" if interval is None else f" ({scale * interval[0]:{form}} to {scale * interval[1]:{form}})"
     return f"{scale * mean_of_scenes(scenes):{form}}{unit}{bounds}"
 
 

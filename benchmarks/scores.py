@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from benchmarks.intervals.differences import paired_difference
 from egosplat.errors import UserError
-from egosplat.evaluation.intervals import Clusters, Interval, cluster
+from egosplat.evaluation.intervals import Clusters, cluster
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import Cell, ScoredScene
 from egosplat_rivals.tables.paper_tables import average
@@ -102,8 +102,8 @@ def format_difference(scenes: Sequence[Clusters]) -> str:
     return f"{_points(mean)} ({_bounds(interval)}), {'p < 0.001' if p < 0.001 else f'p = {told}'}{beside}"
 
 
-def _bounds(interval: Interval) -> str:
-    return f"{_points(interval.low)} to {_points(interval.high)}"
+def _bounds(interval: tuple[float, float]) -> str:
+    return f"{_points(interval[0])} to {_points(interval[1])}"
 
 
 def _points(difference: float) -> str:

@@ -14,7 +14,6 @@ from egosplat.evaluation.intervals import (
     SAME,
     SEED,
     Clusters,
-    Interval,
     clustered_interval,
     mean_of_scenes,
 )
@@ -27,9 +26,9 @@ class Difference(NamedTuple):
     """A mean paired difference, those that are not rejected, p of none, and Student's interval of the scenes' means if wider."""
 
     mean: float
-    interval: Interval
+    interval: tuple[float, float]
     p: float
-    over_scenes: Interval | None
+    over_scenes: tuple[float, float] | None
 
 
 def paired_difference(scenes: Sequence[Clusters], resamples: int = RESAMPLES) -> Difference:
@@ -46,7 +45,7 @@ def paired_difference(scenes: Sequence[Clusters], resamples: int = RESAMPLES) ->
     shares = np.concatenate([np.zeros(0), *(scene.totals / scene.counts for scene in scenes)])
     alike = len(shares) and np.ptp(shares) <= SAME
     if alike and (doubt := clustered_interval(scenes, resamples, least=-1.0)):
-        bounds = (min(bounds[0], doubt.low), max(bounds[1], doubt.high))
+        bounds = (min(bounds[0], doubt[0]), max(bounds[1], doubt[1]))
         p = max(p, 2 * float(stats.norm.sf(math.sqrt(len(shares) * abs(mean)))))
     if len(means) < 2:
         return Difference(mean, _within(bounds), p, None)
@@ -55,8 +54,9 @@ def paired_difference(scenes: Sequence[Clusters], resamples: int = RESAMPLES) ->
     return Difference(mean, own, p, student if np.ptp(student) > np.ptp(own) else None)
 
 
-def _within(bounds: tuple[float, float]) -> Interval:
-    return Interval(*np.clip(bounds, -1, 1).tolist())
+def _within(bounds: tuple[float, float]) -> tuple[float, float]:
+    low, high = np.clip(bounds, -1, 1).tolist()
+    return low, high
 
 
 def _halves(scenes: Sequence[Clusters], resamples: int) -> NDArray[np.float64]:

@@ -178,7 +178,7 @@ def test_an_interval_is_that_of_the_rows_by_hand(source):
         clusters.append(cluster([row.hit for row in own], [row.category for row in own]))
     bounds = clustered_interval(clusters)
     mean = np.mean([one.totals.sum() / one.counts.sum() for one in clusters])
-    expected = f"{100 * mean:.0f} % ({100 * bounds.low:.0f} to {100 * bounds.high:.0f})"
+    expected = f"{100 * mean:.0f} % ({100 * bounds[0]:.0f} to {100 * bounds[1]:.0f})"
     assert figures.compute(source, ["accuracy", "full"]) == expected
 
 

@@ -8,9 +8,9 @@ import yaml
 from PIL import Image
 
 from benchmarks.tum_office.__main__ import HERE, Outline, parse_drawing, rasterize, write_recording
-from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
+from egosplat.frames.plain_annotations import open_annotations
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.selection import split_frames
 
@@ -53,7 +53,7 @@ def test_the_recording_is_read_as_a_plain_one(pictures, tmp_path):
     assert capture.camera_known and len(capture.timestamp_ns) == len(DRAWING.pictures)
     # TUM states the center for pixel centers at integers.
     assert (capture.camera.cx, capture.camera.cy) == pytest.approx((320.6, 248.1))
-    annotations = open_annotations("plain", output, AnnotationKeys(capture.camera))
+    annotations = open_annotations(output, AnnotationKeys(capture.camera))
     ids = np.array([0, *(instance.id for instance in annotations.instances)])
     for name, time in zip(DRAWING.pictures, capture.timestamp_ns.tolist(), strict=True):
         layers = annotations.read(time)

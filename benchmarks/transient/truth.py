@@ -9,14 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.adt_annotations import open_annotations
 from egosplat.frames.recording import AnnotationKeys, Annotations
 from egosplat.geometry import Camera
 
 # Range of an object's position up to which it is static, whatever its label (docs/method.md#static-dynamic).
 MOVED_M = 0.02
-
-MAX_AGE_NS = 3_000_000
 
 
 @dataclass(frozen=True)
@@ -45,8 +43,8 @@ class Truth:
 
 def read_truth(recording: Path, frames: Artifact) -> Truth:
     """The truth of the recording that ``frames`` was read from."""
-    keys = AnnotationKeys(Camera(**frames.facts["camera"]), frames.facts["upright"], MAX_AGE_NS)
-    reader = open_annotations("adt", recording, keys)
+    keys = AnnotationKeys(Camera(**frames.facts["camera"]), frames.facts["upright"])
+    reader = open_annotations(recording, keys)
     if reader is None:
         raise ValueError(f"{recording}: is not annotated")
     moved = moved_objects(recording / "scene_objects.csv")

@@ -64,7 +64,6 @@ def write_instances(
         for frame, found in enumerate(labels):
             artifact.put_row("labels", frame, found[None].astype(np.int32))
         artifact.put("instances/level", np.zeros(count, np.int8))
-        artifact.put("instances/parent", np.full(count, -1, np.int32))
         artifact.put("instances/masks", np.ones(count, np.int32))
         artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", np.zeros((0, 3), np.float32))

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
+from egosplat.evaluation.options import recorded_options
 from egosplat.report.sheets.queries_sheet import (
     ScoredQuery,
     ShownQuery,
@@ -15,7 +16,6 @@ from egosplat.report.sheets.queries_sheet import (
     best_and_worst,
     open_scored,
     scored_queries,
-    scoring_options,
 )
 from egosplat_rivals.scored_scenes import OWN, read_scored_scene
 
@@ -41,7 +41,9 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     shown = []
     for scene, queries in zip(scenes, by_scene, strict=True):
         in_time = "histories.zarr" in scene.document["provenance"]["inputs"]
-        opened = open_scored(scene.path.parent, scoring_options(scene.document), in_time=in_time)
+        opened = open_scored(
+            scene.path.parent, recorded_options(scene.document["provenance"]["options"]), in_time=in_time
+        )
         answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene.document, scene.path)
         shown.append({(one.scored.frame, one.scored.category): one for one in answers})
     names, rows = [scene.method or OWN for scene in scenes], len(best) + len(worst)

@@ -1,5 +1,8 @@
 """A small scene for the scene page, and what the page's data mean, read back in Python."""
 
+import base64
+import gzip
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
@@ -19,7 +22,7 @@ from egosplat.query.like import see
 from egosplat.query.text import encode_phrases
 from egosplat.query.things import Surface, find_neighbors
 from egosplat.viewing.gaussians import STEP
-from egosplat.viewing.html import Arrays, Facts, data_of, unpack
+from egosplat.viewing.html import Arrays, Facts, data_of
 from egosplat.viewing.options import ScenePageOptions
 from egosplat.viewing.stage import run
 from tests.support.gaussian_scene import SETTINGS, opaque, photographs
@@ -179,6 +182,20 @@ def write_page(folder: Path, title: str = TITLE, **changes: Any) -> Path:
     paths = {f"{name}_path": path for name in names if (path := folder / f"{name}.zarr").exists()}
     run(**paths, output=folder / "scene.html", options=page_options(**changes), title=title)
     return folder / "scene.html"
+
+
+def unpack(text: str) -> tuple[Facts, Arrays]:
+    """Read what ``pack`` wrote."""
+    raw = gzip.decompress(base64.b64decode(text))
+    length = int(np.frombuffer(raw, np.uint32, 1)[0])
+    header, place = json.loads(raw[4 : 4 + length]), 4 + length
+    arrays: Arrays = {}
+    for name, about in header["arrays"].items():
+        dtype, size = np.dtype(about["dtype"]), int(np.prod(about["shape"]))
+        planes = np.frombuffer(raw, np.uint8, size * dtype.itemsize, place).reshape(dtype.itemsize, size)
+        arrays[name] = np.ascontiguousarray(planes.T).view(dtype).reshape(about["shape"])
+        place += size * dtype.itemsize
+    return header["facts"], arrays
 
 
 def contents_of(page: Path) -> tuple[Facts, Arrays]:

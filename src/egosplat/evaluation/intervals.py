@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,13 +13,6 @@ SAME = 1e-12
 
 # The bootstrap. Intervals of tests and simulations take fewer resamples.
 CONFIDENCE, RESAMPLES, SEED = 0.95, 10_000, 0
-
-
-class Interval(NamedTuple):
-    """Lower and upper bound."""
-
-    low: float
-    high: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +45,7 @@ def mean_of_scenes(scenes: Sequence[Clusters]) -> float:
 
 def clustered_interval(
     scenes: Sequence[Clusters], resamples: int = RESAMPLES, *, least: float = 0.0, most: float = 1.0
-) -> Interval | None:
+) -> tuple[float, float] | None:
     """Confidence interval of ``mean_of_scenes`` for other categories and scenes; None with fewer than two categories.
 
     An expanded percentile interval of the bootstrap, too narrow for few scenes that differ (benchmarks/intervals/README.md);
@@ -68,9 +60,9 @@ def clustered_interval(
     if np.ptp(means) <= SAME:
         value = float(means[0])
         others = stats.binomtest(0, len(means)).proportion_ci(CONFIDENCE, method="wilson").high
-        return Interval(value - others * (value - least), value + others * (most - value))
+        return value - others * (value - least), value + others * (most - value)
     low, high = _bounds(scenes, len(means), resamples)
-    return Interval(max(low, least), min(high, most))
+    return max(low, least), min(high, most)
 
 
 def _bounds(scenes: Sequence[Clusters], clusters: int, resamples: int) -> tuple[float, float]:

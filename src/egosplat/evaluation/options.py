@@ -53,5 +53,6 @@ class MetricsOptions(ScoringOptions, AskingOptions, PresenceOptions, ClipOptions
 
 
 def recorded_options(record: Mapping[str, Any]) -> MetricsOptions:
-    """Make the options that ``metrics.json`` records."""
-    return MetricsOptions.model_validate({name: record[name] for name in MetricsOptions.model_fields})
+    """Make the options that ``metrics.json`` records, to score on any device."""
+    options = MetricsOptions.model_validate({name: record[name] for name in MetricsOptions.model_fields})
+    return options.change(device="auto", backend="auto")

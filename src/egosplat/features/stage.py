@@ -1,12 +1,9 @@
 """Stage ``features``: aggregate each instance's consistent feature, form the supervision, compress to codes."""
 
-import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
@@ -15,19 +12,8 @@ from egosplat.artifacts.writer import create
 from egosplat.features.aggregation import MAD_K, Aggregate, aggregate
 from egosplat.features.compression import fit
 from egosplat.features.options import FeaturesOptions
-from egosplat.features.supervision import (
-    Features,
-    agreement,
-    consistent_directions,
-    cosines,
-    parts_of,
-    reconstruction,
-    spread,
-    supervise,
-    vanishing,
-)
+from egosplat.features.supervision import Features, mean_cosine, spread, supervise_views
 from egosplat.language.decoder import decode, decoder_metadata
-from egosplat.language.vectors import unit
 from egosplat.progress import log
 
 
@@ -39,23 +25,25 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     feature, instance = view_features.read("feature"), view_features.read("instance")
     level = view_features.read("instances/level")
     found = aggregate(feature, instance, len(level), options.mad_norm, MAD_K)
-    consistent, supervision, mismatched = _supervision(feature, instance, found, options)
+    consistent, supervision, mismatched = supervise_views(feature, instance, found, options)
     compressed = fit(supervision, options.compression, options.dims, options.epochs, options.seed)
     codes, consistent_codes = (compressed.encode(part) for part in (supervision, consistent))
     seen = found.views > 0
     # An encoder maps the zero feature to an arbitrary code.
     consistent_codes[~seen] = 0.0
-    rebuilt = reconstruction(supervision, codes, compressed.decoder)
-    decoded = decode(torch.from_numpy(consistent_codes[seen]), compressed.decoder).numpy()
+
+    def decoded(codes: Features) -> Features:
+        return decode(torch.from_numpy(codes), compressed.decoder).numpy()
+
     facts = {
         "levels": view_features.facts["levels"],
         "clip": view_features.facts["clip"],
         "decoder": decoder_metadata(compressed.decoder),
         "outliers": int((~found.inlier).sum()),
         "slipped": int(mismatched.sum()),
-        "reconstruction": {"mean": float(rebuilt.mean()) if len(rebuilt) else None},
-        "agreement": agreement(feature, consistent, instance),
-        "spread": {"features": spread(consistent[seen]), "decoded": spread(decoded)},
+        "reconstruction": {"mean": mean_cosine(supervision, lambda part: decoded(codes[part]))},
+        "agreement": mean_cosine(feature, lambda part: consistent[instance[part]]),
+        "spread": {"features": spread(consistent[seen]), "decoded": spread(decoded(consistent_codes[seen]))},
     }
     arrays = {
         "consistent": consistent,
@@ -74,27 +62,6 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
             artifact.put(name, values)
         artifact.facts = facts
     log(_summary_line(facts, found))
-
-
-def _supervision(
-    feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
-) -> tuple[Features, Features, NDArray[np.bool_]]:
-    """Return (N, D) consistent features, and the (R, D) supervision and (R,) mismatched flags of the views."""
-    # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
-    consistent = consistent_directions(found.feature, feature, instance)
-    # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
-    # small models' tracks alone (docs/method.md#mismatched); the paper makes no exception.
-    excepts = options.supervision != "average" and options.set not in ("light", "published")
-    apart = spread(consistent[found.views > 0]) if excepts else None
-    limit = -math.inf if apart is None else (1 + apart) / 2
-    mismatched = cosines(feature, lambda part: consistent[instance[part]]) < limit
-    supervision = np.empty_like(feature)
-    for part in parts_of(len(supervision)):
-        own, common = feature[part].astype(np.float64), consistent[instance[part]]
-        values = supervise(own, common, found.inlier[part], mismatched[part], options.supervision)
-        # Opposite features cancel; the average then has no direction of its own.
-        supervision[part] = unit(np.where(vanishing(values)[:, None], common, values))
-    return consistent.astype(np.float32), supervision, mismatched
 
 
 def _summary_line(facts: dict[str, Any], found: Aggregate) -> str:

@@ -1,16 +1,42 @@
 """The supervision of Gaussians: a view's own feature, the consistent feature, or their average; its figures."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
-from egosplat.language.decoder import Decoder, decode
+from egosplat.features.aggregation import Aggregate
+from egosplat.features.options import FeaturesOptions
 from egosplat.language.vectors import unit
 
+Features = NDArray[np.float32]
 Floats = NDArray[np.floating]
 Bools = NDArray[np.bool_]
+
+# Rows that are held in float64 at a time: 64 MiB at 512 channels.
+_ROWS_AT_ONCE = 2**14
+
+
+def supervise_views(
+    feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
+) -> tuple[Features, Features, NDArray[np.bool_]]:
+    """Return (N, D) consistent features, and the (R, D) supervision and (R,) mismatched flags of the views."""
+    # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
+    consistent = consistent_directions(found.feature, feature, instance)
+    # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
+    # small models' tracks alone (docs/method.md#mismatched); the paper makes no exception.
+    excepts = options.supervision != "average" and options.set not in ("light", "published")
+    apart = spread(consistent[found.views > 0]) if excepts else None
+    limit = -math.inf if apart is None else (1 + apart) / 2
+    mismatched = cosines(feature, lambda part: consistent[instance[part]]) < limit
+    supervision = np.empty_like(feature)
+    for part in parts_of(len(supervision)):
+        own, common = feature[part].astype(np.float64), consistent[instance[part]]
+        values = supervise(own, common, found.inlier[part], mismatched[part], options.supervision)
+        # Opposite features cancel; the average then has no direction of its own.
+        supervision[part] = unit(np.where(vanishing(values)[:, None], common, values))
+    return consistent.astype(np.float32), supervision, mismatched
 
 
 def supervise(own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str) -> Floats:
@@ -49,12 +75,6 @@ def vanishing(features: Floats) -> Bools:
     return np.linalg.norm(features, axis=-1) < 1e-6
 
 
-Features = NDArray[np.float32]
-
-# Rows that are held in float64 at a time: 64 MiB at 512 channels.
-_ROWS_AT_ONCE = 2**14
-
-
 def parts_of(count: int) -> list[slice]:
     """Slices of so many rows, each small enough to be held in float64."""
     return [slice(begin, begin + _ROWS_AT_ONCE) for begin in range(0, count, _ROWS_AT_ONCE)]
@@ -66,14 +86,9 @@ def cosines(features: Features, others: Callable[[slice], Floats]) -> NDArray[np
     return np.concatenate([np.zeros(0), *parts])
 
 
-def reconstruction(features: Features, codes: Features, decoder: Decoder) -> NDArray[np.float64]:
-    """(R,) cosine of each feature with its decoded code; 0 if either vanishes."""
-    return cosines(features, lambda part: decode(torch.from_numpy(codes[part]), decoder).numpy())
-
-
-def agreement(views: Features, consistent: Features, instance: NDArray[np.integer]) -> float | None:
-    """Mean cosine of (R, D) features of views with the (N, D) consistent ones of their ``instance`` (R,); None without views."""
-    return float(cosines(views, lambda part: consistent[instance[part]]).mean()) if len(views) else None
+def mean_cosine(features: Features, others: Callable[[slice], Floats]) -> float | None:
+    """Mean of ``cosines``; None without a row."""
+    return float(cosines(features, others).mean()) if len(features) else None
 
 
 def spread(features: Features) -> float | None:

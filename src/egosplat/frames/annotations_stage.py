@@ -28,7 +28,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     format, times = frames.facts["format"], frames.read("timestamp_ns")
     indices = np.flatnonzero(frames.read("evaluation")).astype(np.int64)
     keys = _keys(frames.facts, times)
-    reader = open_annotations(format, recording_path, keys)
+    reader: Annotations | None = load_module("annotations", format).open_annotations(recording_path, keys)
     made = provenance.begin_from("annotations", options.as_dict(), [frames], chosen=format)
     annotated, covered = np.zeros(len(indices), bool), reader.covered if reader else 0
     with create(output, ANNOTATIONS, made) as artifact:
@@ -67,8 +67,3 @@ def _keys(facts: dict[str, Any], timestamp_ns: NDArray[np.int64]) -> AnnotationK
         {time: lenses[index] for time, index in lens_of},
         Camera(**pinhole) if pinhole else None,
     )
-
-
-def open_annotations(format: str, path: Path, keys: AnnotationKeys) -> Annotations | None:
-    """Open the annotations of a recording; None if it has none, UserError if it is missing, or they are unreadable."""
-    return load_module("annotations", format).open_annotations(path, keys)

@@ -18,7 +18,7 @@ from egosplat.progress import log, track
 
 def run(recording_path: Path, output: Path, options: FramesOptions, *, format: str) -> None:
     """Read a recording and write its frames artifact; UserError if it is missing or damaged, or the keys select no frame."""
-    recording = open_recording(format, recording_path, options)
+    recording: Recording = load_module("frames", format).open_recording(recording_path, options)
     count, valid = len(recording.timestamp_ns), recording.valid
     annotated = is_annotated(format, recording_path)
     train, evaluation = split_frames(count, options, annotated, recording.labeled)
@@ -52,8 +52,3 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
     if options.evaluation_frames == "auto" and not annotated:
         told = "all for training: the recording has no annotations (frames.evaluation_frames=N holds N of them out)"
     log(f"{count} frames, {told}")
-
-
-def open_recording(format: str, path: Path, options: FramesOptions) -> Recording:
-    """Open the frames of a recording: a folder, a video file, or the name of a HOI4D sequence; UserError if it cannot be read."""
-    return load_module("frames", format).open_recording(path, options)

@@ -16,9 +16,6 @@ from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, find_things
 from egosplat.progress import log
 
-_MOSTLY = 0.5
-"""Share of a thing, by weight, from which a thing of the next coarser level holds it."""
-
 
 @dataclass(frozen=True, eq=False)
 class Scene:
@@ -27,7 +24,6 @@ class Scene:
     Attributes:
         geometry: Gaussians that masks are merged on.
         shown: returns the (H, W) bool pixels of a frame that show the scene.
-        weight: (N,) mean compositing weight of each Gaussian in the frames that see it [px].
         beliefs: by level, (N, K_l) share of each Gaussian's weight in the masks of each thing of the level.
         level: (K,) int8 level of each thing; the things of a level follow each other.
         masks: (K,) int32 number of merged masks.
@@ -37,7 +33,6 @@ class Scene:
 
     geometry: Geometry
     shown: Callable[[int], NDArray[np.bool_]]
-    weight: NDArray[np.floating]
     beliefs: list[sparse.csr_array]
     level: NDArray[np.int8]
     masks: NDArray[np.int32]
@@ -63,20 +58,6 @@ class Scene:
         best = [first_of_largest(held) for held in self.beliefs]
         numbers = [np.where(own >= 0, own + self.first(level), -1) for level, own in enumerate(best)]
         return np.stack(numbers, axis=1).astype(np.int32)
-
-    def parents(self) -> Labels:
-        """(K,) int32 thing of the next coarser level that holds most of each thing, -1 for none."""
-        found = np.full(len(self.level), -1, np.int32)
-        for level, (fine, coarse) in enumerate(zip(self.beliefs[:-1], self.beliefs[1:], strict=True)):
-            if not (self.level == level).any() or not (self.level == level + 1).any():
-                continue
-            weighted = sparse.csr_array(fine.multiply(self.weight[:, None]))
-            shared = sparse.csr_array(weighted.T @ coarse)
-            size = np.maximum(np.asarray(weighted.sum(axis=0)).ravel(), np.finfo(np.float32).tiny)
-            holds = shared.max(axis=1).toarray().ravel() >= _MOSTLY * size
-            owner = first_of_largest(shared) + self.first(level + 1)
-            found[self.level == level] = np.where(holds, owner, -1)
-        return found
 
 
 def draw_masks(named: NDArray[np.int64], frame: int, labels: Labels) -> Labels:
@@ -125,11 +106,11 @@ def find_scene(
             f"{segments.path}: holds no mask in a training frame with a pose. Set models.set to models that suit the "
             "recording (docs/models.md), or instances.source to tracks"
         )
-    weight, levels = lifted.weight, segments.read("instances/level")
+    levels = segments.read("instances/level")
     held, level, masks, named, counts = [], [], [], [], {}
     for number, name in enumerate(segments.facts["levels"]):
         some = lifted.select(levels[lifted.instance] == number)
-        thing, counts[name] = find_things(some, weight)
+        thing, counts[name] = find_things(some, lifted.weight)
         log(
             f"{counts[name]['things']} {name}s from {counts[name]['masks']} masks; {counts[name]['dropped']} masks and "
             f"{counts[name]['claimed']} {name}s are left out, because others contradict them"
@@ -140,4 +121,4 @@ def find_scene(
         masks.append(np.bincount(thing[thing >= 0], minlength=count).astype(np.int32))
         named.append([lifted.row[some.frame], some.instance, np.where(thing >= 0, thing + first, -1)])
     level, masks, named = np.concatenate(level), np.concatenate(masks), np.concatenate(named, axis=1)
-    return Scene(geometry, shown, weight, held, level, masks, named, counts)
+    return Scene(geometry, shown, held, level, masks, named, counts)

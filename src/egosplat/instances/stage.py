@@ -88,7 +88,6 @@ def _write_tracks(output: Path, record: Provenance, segments: Artifact) -> None:
         for frame in track(range(shape[0]), "copying labels"):
             artifact.put_row("labels", frame, segments.row("labels", frame))
         artifact.put("instances/level", level)
-        artifact.put("instances/parent", np.full(len(level), -1, np.int32))
         artifact.put("instances/masks", np.ones(len(level), np.int32))
         artifact.put("instances/moving", segments.read("instances/moving"))
         artifact.put("gaussians/xyz", np.zeros((0, 3), np.float32))
@@ -122,7 +121,6 @@ def _write_things(
         moving = np.arange(count + len(tracks.level)) >= count
         level = np.concatenate([scene.level, tracks.level])
         artifact.put("instances/level", level)
-        artifact.put("instances/parent", np.pad(scene.parents(), (0, len(tracks.level)), constant_values=-1))
         artifact.put("instances/masks", np.concatenate([scene.masks, tracks.frames]))
         artifact.put("instances/moving", moving)
         artifact.put("gaussians/xyz", scene.geometry.gaussians.means.cpu().numpy())

@@ -142,11 +142,6 @@ def read_decoder(artifact: Artifact) -> Decoder:
     )
 
 
-def read_scene_decoder(language: Artifact, features: Artifact) -> Decoder:
-    """Read the decoder of a scene's codes: that of its language artifact if it has one, else that of its features."""
-    return read_decoder(language if language.has("decoder/values") else features)
-
-
 def decoder_metadata(decoder: Decoder) -> dict[str, Any]:
     """Return the decoder's metadata, for ``read_decoder``."""
     return {

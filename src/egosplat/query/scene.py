@@ -19,7 +19,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import TrainedScene
 from egosplat.geometry import Array, Camera, is_rigid
 from egosplat.histories.known import Rests
-from egosplat.language.decoder import Decoder, read_scene_decoder
+from egosplat.language.decoder import Decoder, read_decoder
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import Kept, relevancy_maps
@@ -94,7 +94,7 @@ def read_scene(splats: Artifact, language: Artifact, encoded: Artifact, backend:
         **vars(trained),
         code=torch.from_numpy(language.read("code")).to(device),
         share=torch.from_numpy(language.read("share")).to(device),
-        decoder=read_scene_decoder(language, encoded),
+        decoder=read_decoder(language if language.has("decoder/values") else encoded),
         levels=language.facts["levels"],
         maps_only=language.facts.get("maps_only", False),
     )

@@ -14,7 +14,7 @@ from egosplat.pipeline.home import NAMES, check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
 from egosplat.query.options import AskingOptions
-from egosplat.viewing.html import Facts, data_of, record_of, unpack
+from egosplat.viewing.html import Facts, facts_of, record_of
 from egosplat.viewing.options import PageOptions, ScenePageOptions
 from egosplat.viewing.server import Ask, PageServer
 
@@ -84,7 +84,7 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
 
     path = folder / _PAGE.output
     page = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
-    facts = unpack(data)[0] if (data := data_of(page)) else {}
+    facts = facts_of(page)
     if not record_of(artifacts.values(), keys, folder).items() <= facts.items():
         from egosplat.viewing.stage import make_page
 

@@ -41,18 +41,10 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
     return base64.b64encode(gzip.compress(b"".join(parts), 9, mtime=0)).decode()
 
 
-def unpack(text: str) -> tuple[Facts, Arrays]:
-    """Read what ``pack`` wrote."""
-    raw = gzip.decompress(base64.b64decode(text))
-    length = int(np.frombuffer(raw, np.uint32, 1)[0])
-    header, place = json.loads(raw[4 : 4 + length]), 4 + length
-    arrays: Arrays = {}
-    for name, about in header["arrays"].items():
-        dtype, size = np.dtype(about["dtype"]), int(np.prod(about["shape"]))
-        planes = np.frombuffer(raw, np.uint8, size * dtype.itemsize, place).reshape(dtype.itemsize, size)
-        arrays[name] = np.ascontiguousarray(planes.T).view(dtype).reshape(about["shape"])
-        place += size * dtype.itemsize
-    return header["facts"], arrays
+def facts_of(page: str) -> Facts:
+    """The facts that ``pack`` put into a page; none of what is no page."""
+    raw = gzip.decompress(base64.b64decode(data)) if (data := data_of(page)) else b""
+    return json.loads(raw[4 : 4 + int.from_bytes(raw[:4], "little")])["facts"] if raw else {}
 
 
 def _planes(values: np.ndarray) -> bytes:

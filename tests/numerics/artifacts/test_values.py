@@ -38,7 +38,6 @@ INDICES = [
     ("segments", "labels", 2),
     ("segments", "instances/level", 2),
     ("instances", "labels", 2),
-    ("instances", "instances/parent", 2),
     ("instances", "gaussians/instance", 2),
     ("view_features", "instance", 2),
     ("view_features", "instance", -1),

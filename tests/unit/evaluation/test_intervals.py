@@ -18,7 +18,7 @@ def hits_of(rng: np.random.Generator, share: float, categories: int = 22, frames
 
 def covered(scenes, truth: float) -> bool:
     interval = clustered_interval(scenes, 500)
-    return interval.low <= truth <= interval.high
+    return interval[0] <= truth <= interval[1]
 
 
 @pytest.mark.parametrize("scenes, spread", [(1, 0.0), (5, 0.0), (5, 0.15)])
@@ -36,16 +36,16 @@ def test_means_are_covered_as_often_as_said(scenes, spread):
 def test_two_categories_leave_the_doubt_of_two_numbers():
     found = clustered_interval([Clusters(np.array([0.48, 0.52]), np.ones(2))], RESAMPLES)
     half = 12.706 * 0.04 / 2
-    assert (found.low, found.high) == pytest.approx((0.5 - half, 0.5 + half), rel=0.03)
+    assert found == pytest.approx((0.5 - half, 0.5 + half), rel=0.03)
     far = clustered_interval([Clusters(np.array([0.0, 4.0]), np.full(2, 4.0))], RESAMPLES)
-    assert (far.low, far.high) == (0.0, 1.0)
+    assert far == (0.0, 1.0)
 
 
 @pytest.mark.parametrize("hit", [0.0, 1.0])
 def test_all_hit_or_all_missed_leaves_the_doubt_of_so_many_categories(hit):
     found = clustered_interval([Clusters(np.full(22, 4 * hit), np.full(22, 4.0))], RESAMPLES)
     doubt = 1.959964**2 / (22 + 1.959964**2)
-    assert (found.low, found.high) == pytest.approx((1 - doubt, 1.0) if hit else (0.0, doubt), abs=1e-6)
+    assert found == pytest.approx((1 - doubt, 1.0) if hit else (0.0, doubt), abs=1e-6)
 
 
 def test_scenes_without_queries_are_ignored_and_a_single_category_has_no_interval():
@@ -75,8 +75,8 @@ def test_an_interval_has_the_differences_that_flips_of_signs_do_not_reject(ties)
             continue
         found = paired_difference(scenes, RESAMPLES)
         assert (found.p, found.mean) == pytest.approx((p_by_hand(scenes, 0.0), mean_of_scenes(scenes)))
-        for supposed in (0.0, *rng.uniform(-1, 1, 5), found.interval.low + 1e-6, found.interval.high - 1e-6):
-            inside = found.interval.low <= supposed <= found.interval.high
+        for supposed in (0.0, *rng.uniform(-1, 1, 5), found.interval[0] + 1e-6, found.interval[1] - 1e-6):
+            inside = found.interval[0] <= supposed <= found.interval[1]
             assert inside == (p_by_hand(scenes, supposed) >= 0.05)
 
 
@@ -96,9 +96,9 @@ def test_equal_differences_leave_the_doubt_of_so_many_categories(categories, dif
     """Five categories or fewer reject nothing; without spread, no more is known than of scores without it."""
     alike = Clusters(np.full(categories, 4 * difference), np.full(categories, 4.0))
     found = paired_difference([alike, cluster([], [])], RESAMPLES)
-    assert (found.p, found.interval.low) == pytest.approx((p, low), abs=1e-6) and found.over_scenes is None
+    assert (found.p, found.interval[0]) == pytest.approx((p, low), abs=1e-6) and found.over_scenes is None
     opposite = paired_difference([Clusters(-alike.totals, alike.counts)], RESAMPLES)
-    assert (opposite.p, opposite.interval.high) == (found.p, -found.interval.low)
+    assert (opposite.p, opposite.interval[1]) == (found.p, -found.interval[0])
 
 
 def test_clustered_differences_of_nothing_are_rejected_as_rarely_as_said():
@@ -107,7 +107,7 @@ def test_clustered_differences_of_nothing_are_rejected_as_rarely_as_said():
         scenes = [Clusters(4.0 * rng.choice([-1, 0, 0, 1], 22), np.full(22, 4.0)) for _ in range(2)]
         found.append(paired_difference(scenes, RESAMPLES))
     assert 0.02 <= np.mean([each.p < 0.05 for each in found]) <= 0.075
-    assert all((each.p >= 0.05) == (each.interval.low <= 0 <= each.interval.high) for each in found)
+    assert all((each.p >= 0.05) == (each.interval[0] <= 0 <= each.interval[1]) for each in found)
     # The same on every processor: a share of 2,000 flips, and means of categories.
     assert found[0][1:] == ((0.052631579, 0.476190476), 0.022, None)
 
@@ -118,5 +118,5 @@ def test_scenes_that_differ_have_students_interval_beside():
     half = 2.776445 * np.std(means, ddof=1) / np.sqrt(5)
     found = paired_difference(scenes, RESAMPLES)
     assert found.over_scenes == pytest.approx((0.3 - half, 0.3 + half), abs=1e-6)
-    assert found.over_scenes.low < found.interval.low < found.interval.high < found.over_scenes.high
+    assert found.over_scenes[0] < found.interval[0] < found.interval[1] < found.over_scenes[1]
     assert paired_difference(scenes[:1] * 5, RESAMPLES).over_scenes is None

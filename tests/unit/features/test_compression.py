@@ -6,8 +6,8 @@ import torch
 
 from egosplat.features import compression
 from egosplat.features.autoencoder import BATCH, Autoencoder, _decoder_of, batches, loss
-from egosplat.features.compression import SHARE, fit
-from egosplat.features.supervision import reconstruction
+from egosplat.features.compression import SHARE, Compression, fit
+from egosplat.features.supervision import cosines
 from egosplat.language.decoder import Decoder, decode
 from egosplat.language.vectors import unit
 
@@ -59,7 +59,7 @@ def test_a_trained_autoencoder_reconstructs_features():
     features, means = rows(200, 16, 2), []
     for epochs in (1, 40):
         fitted = fit(features, "autoencoder", 3, epochs, 0)
-        means.append(reconstruction(features, fitted.encode(features), fitted.decoder).mean())
+        means.append(reconstruction(features, fitted).mean())
     assert means[1] > 0.97 and means[1] > means[0]
 
 
@@ -85,10 +85,16 @@ def test_gradients_reach_the_codes():
     assert codes.grad.abs().sum() > 0
 
 
+def reconstruction(features: np.ndarray, fitted: Compression) -> np.ndarray:
+    """Cosine of each feature with its decoded code."""
+    found = decode(torch.from_numpy(fitted.encode(features)), fitted.decoder).numpy()
+    return cosines(features, lambda part: found[part])
+
+
 def share_of(features: np.ndarray, dims: int, bound: float) -> float:
     """By encoding and decoding."""
     fitted = fit(features, "linear", dims, 1, 0)
-    return float((reconstruction(features, fitted.encode(features), fitted.decoder) >= bound).mean())
+    return float((reconstruction(features, fitted) >= bound).mean())
 
 
 def test_auto_dims_is_the_smallest_that_reaches_the_bound():

@@ -9,7 +9,7 @@ from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.features import stage
 from egosplat.features.aggregation import aggregate
 from egosplat.features.autoencoder import fit_autoencoder
-from egosplat.features.supervision import agreement, supervise
+from egosplat.features.supervision import mean_cosine, supervise
 from egosplat.language.decoder import decode, read_decoder
 from egosplat.language.vectors import unit
 from egosplat.pipeline.config import defaults
@@ -105,12 +105,12 @@ def test_codes_decode_with_what_the_artifact_holds(run, compression):
         assert features.facts["spread"]["decoded"] == pytest.approx(apart, abs=1e-6)
 
 
-def test_agreement_is_the_mean_cosine_of_views_with_their_instance():
+def test_a_mean_cosine_is_of_rows_of_any_norm():
     views = np.array([[2.0, 0.0], [0.0, 1.0], [-1.0, 0.0]], np.float32)
     consistent = np.array([[1.0, 0.0], [0.0, 3.0]], np.float32)
-    assert agreement(views[:2], consistent, np.array([0, 1])) == 1.0
-    assert agreement(views, consistent, np.array([0, 0, 0])) == 0.0
-    assert agreement(views[:0], consistent, np.zeros(0, int)) is None
+    assert mean_cosine(views[:2], lambda part: consistent[part]) == 1.0
+    assert mean_cosine(views, lambda part: consistent[[0, 0, 0]][part]) == 0.0
+    assert mean_cosine(views[:0], lambda part: views[part]) is None
 
 
 @pytest.mark.parametrize("compression", ["linear", "autoencoder", "none"])

@@ -7,7 +7,7 @@ from projectaria_tools.projects.adt import AriaDigitalTwinDataPaths, AriaDigital
 from scipy.spatial.transform import Rotation
 
 from egosplat.frames.adt import RGB_LABEL, RGB_STREAM, open_recording, open_video
-from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.adt_annotations import open_annotations
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
@@ -59,7 +59,7 @@ def boxes(sample):
 @pytest.mark.parametrize("upright", [False, True])
 def test_the_pinhole_camera_finds_the_instances_at_box_centers(sample, boxes, world_from_device, upright):
     recording = open_recording(sample, OPTIONS.change(resolution=1408, upright=upright))
-    reader = open_annotations("adt", sample, AnnotationKeys(recording.camera, upright))
+    reader = open_annotations(sample, AnnotationKeys(recording.camera, upright))
     (instance_map,) = reader.read(ANNOTATION_NS[0])
     world = boxes[["x", "y", "z"]].to_numpy()
     camera_from_world = invert(world_from_device[0] @ recording.device_from_camera)
@@ -91,7 +91,7 @@ def test_depth_and_instances_warp_onto_the_other_frame(sample, copy, full_size, 
     """Without people: between the frames the wearer's hands move by up to a finger's width."""
     camera = full_size.camera
     (copy / "segmentations_with_skeleton.vrs").unlink()
-    reader = open_annotations("adt", copy, AnnotationKeys(camera, True))
+    reader = open_annotations(copy, AnnotationKeys(camera, True))
     ids = [reader.read(time)[0] for time in ANNOTATION_NS]
     provider = adt_provider(sample)
     found = [provider.get_depth_image_by_timestamp_ns(time, RGB_STREAM) for time in ANNOTATION_NS]

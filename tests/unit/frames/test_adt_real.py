@@ -11,7 +11,7 @@ from egosplat.calibration.files import is_annotated
 from egosplat.errors import UserError
 from egosplat.frames import adt
 from egosplat.frames.adt import EXPOSURE_MIDDLE_AFTER_CAPTURE_NS, open_recording
-from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.adt_annotations import open_annotations
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
@@ -30,7 +30,7 @@ def open_and_read(folder):
 
 def first_map(folder):
     """The annotations, and the instance map of the first frame."""
-    reader = open_annotations("adt", folder, AnnotationKeys(pinhole(352)))
+    reader = open_annotations(folder, AnnotationKeys(pinhole(352)))
     return reader, reader and reader.read(CAPTURE_NS[0])
 
 
@@ -115,7 +115,7 @@ def test_a_black_frame_is_named(sample, monkeypatch):
 
 @pytest.fixture(scope="module")
 def annotations(sample, full_size):
-    return open_annotations("adt", sample, AnnotationKeys(full_size.camera, True))
+    return open_annotations(sample, AnnotationKeys(full_size.camera, True))
 
 
 def test_instances_are_read_with_their_categories(annotations):
@@ -192,7 +192,7 @@ def test_a_missing_truncated_or_damaged_annotation_file_is_named(copy):
         first_map(copy)
     segmentation.write_bytes(segmentation.read_bytes()[:100_000])
     with pytest.raises(UserError, match=segmentation.name):
-        open_annotations("adt", copy, AnnotationKeys(pinhole(352)))
+        open_annotations(copy, AnnotationKeys(pinhole(352)))
     (copy / "instances.json").unlink()
     with pytest.raises(UserError, match="instances.json"):
         first_map(copy)

@@ -11,11 +11,10 @@ from PIL import Image
 
 from egosplat.calibration.files import companion_path, digest_of_recording
 from egosplat.errors import UserError
-from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
-from egosplat.frames.stage import open_recording
 from egosplat.geometry import Camera
+from egosplat.pipeline.stages import load_module
 from tests.support.recordings import copy_files, opened
 from tests.unit.frames.test_hoi4d import FOLDER, root
 from tests.unit.frames.test_plain import CALIBRATION, images
@@ -31,7 +30,7 @@ CONFIG = {"frames": {"known_poses": "auto"}, "poses": {"method": "auto", "trajec
 
 def read_frames(format: str, recording: Path) -> tuple[list, list]:
     """What a recording tells, and its pictures."""
-    reader = open_recording(format, recording, OPTIONS)
+    reader = load_module("frames", format).open_recording(recording, OPTIONS)
     times = reader.timestamp_ns.tolist()
     told = [times, reader.camera, reader.camera_known, reader.origin, reader.facts]
     return told, [reader.valid, *reader.read_frames(np.arange(len(times)))]
@@ -39,8 +38,9 @@ def read_frames(format: str, recording: Path) -> tuple[list, list]:
 
 def read_annotations(format: str, recording: Path) -> tuple[list, list]:
     """The instances, and the instance maps of all frames."""
-    capture = open_recording(format, recording, OPTIONS)
-    reader = open_annotations(format, recording, AnnotationKeys(capture.camera, True))
+    capture = load_module("frames", format).open_recording(recording, OPTIONS)
+    keys = AnnotationKeys(capture.camera, True)
+    reader = load_module("annotations", format).open_annotations(recording, keys)
     return reader.instances, [reader.read(int(time)) for time in capture.timestamp_ns]
 
 
@@ -94,11 +94,11 @@ def test_readers_of_videos_need_the_listed_files_alone(video, tmp_path):
     check_copies("plain", clip.parent, clip.name, tmp_path / "copies")
 
 
-def test_an_unknown_format_is_rejected(tmp_path):
+def test_an_unknown_format_is_rejected():
     with pytest.raises(UserError, match="'aria'.*hoi4d"):
-        open_recording("aria", tmp_path, OPTIONS)
+        load_module("frames", "aria")
     with pytest.raises(UserError, match="'aria'"):
-        open_annotations("aria", tmp_path, KEYS)
+        load_module("annotations", "aria")
 
 
 FORMATS = dict.fromkeys(("adt", "lerf", "3d_ovs"), "no such folder")
@@ -109,9 +109,9 @@ FORMATS |= {"hoi4d": "not the name of a HOI4D sequence", "plain": "not found"}
 def test_a_missing_recording_is_named_with_the_reason_and_has_no_files(tmp_path, format, problem):
     nowhere = tmp_path / "nowhere"
     with pytest.raises(UserError, match=f"nowhere: {problem}"):
-        open_recording(format, nowhere, OPTIONS)
+        load_module("frames", format).open_recording(nowhere, OPTIONS)
     with pytest.raises(UserError, match=f"nowhere: {problem}"):
-        open_annotations(format, nowhere, KEYS)
+        load_module("annotations", format).open_annotations(nowhere, KEYS)
     for stage in STAGES:
         assert opened(stage, format, nowhere) == []
 

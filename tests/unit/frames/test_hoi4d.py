@@ -6,8 +6,7 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.frames.annotations_stage import open_annotations
-from egosplat.frames.hoi4d import COLORS, decode_labels, instances_of, open_recording
+from egosplat.frames.hoi4d import COLORS, decode_labels, instances_of, open_annotations, open_recording
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.geometry import Camera
@@ -67,11 +66,11 @@ def test_videos_and_annotations_may_have_separate_root_folders(root):
     annotations.mkdir(parents=True)
     (release / "2Dseg").rename(annotations / "2Dseg")
     assert open_recording(root / NAME, OPTIONS).camera_known
-    assert open_annotations("hoi4d", root / NAME, AnnotationKeys(CAMERA)).read(0) is not None
+    assert open_annotations(root / NAME, AnnotationKeys(CAMERA)).read(0) is not None
 
 
 def test_masks_belong_to_their_frames(root):
-    annotations = open_annotations("hoi4d", root / FOLDER, AnnotationKeys(CAMERA))
+    annotations = open_annotations(root / FOLDER, AnnotationKeys(CAMERA))
     capture = open_recording(root / FOLDER, OPTIONS)
     maps = [annotations.read(int(time)) for time in capture.timestamp_ns]
     assert [index for index, found in enumerate(maps) if found is not None] == [0, 3]
@@ -127,7 +126,7 @@ def test_missing_parts_and_a_resolution_above_the_video_are_named(root):
 
 def test_bad_masks_are_named(root):
     mask = root / FOLDER / "2Dseg/mask/00000.png"
-    annotations = open_annotations("hoi4d", root / FOLDER, AnnotationKeys(CAMERA))
+    annotations = open_annotations(root / FOLDER, AnnotationKeys(CAMERA))
     write_mask(mask, np.zeros((48, 48), dtype=int))
     with pytest.raises(UserError, match="00000.png.*aspect"):
         annotations.read(0)

@@ -10,9 +10,9 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES
 from egosplat.errors import UserError
 from egosplat.frames import annotations_stage, stage
-from egosplat.frames.annotations_stage import open_annotations
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
+from egosplat.frames.plain_annotations import open_annotations
 from egosplat.frames.recording import AnnotationKeys, Instance
 from egosplat.geometry import Camera
 from egosplat.pipeline.config import defaults
@@ -41,7 +41,7 @@ def images(tmp_path):
 
 def maps(path):
     times = open_recording(path, OPTIONS).timestamp_ns
-    annotations = open_annotations("plain", path, AnnotationKeys(CAMERA))
+    annotations = open_annotations(path, AnnotationKeys(CAMERA))
     return [annotations.read(int(time)) for time in times]
 
 
@@ -95,14 +95,14 @@ def test_annotations_without_an_evaluation_frame_are_rejected(images, tmp_path):
 
 
 def test_instances_are_those_of_the_table(images):
-    assert open_annotations("plain", images, AnnotationKeys(CAMERA)).instances == [
+    assert open_annotations(images, AnnotationKeys(CAMERA)).instances == [
         Instance(5, "Ball_1", "ball", "dynamic", "object"),
         Instance(300, "Table", "coffee table", "static", "object"),
     ]
     table = "\ufeffname\tid\tinstance_type\tmotion_type\tcategory\nAnna\t5\thuman\tdynamic\tperson\n"
     (images / "annotations" / "instances.tsv").write_text(table)
     anna = Instance(5, "Anna", "person", "dynamic", "human")
-    assert open_annotations("plain", images, AnnotationKeys(CAMERA)).instances == [anna]
+    assert open_annotations(images, AnnotationKeys(CAMERA)).instances == [anna]
 
 
 def test_video_frames_have_the_annotation_of_their_number(video, tmp_path):
@@ -136,17 +136,17 @@ def test_video_frames_have_the_annotation_of_their_number(video, tmp_path):
 def test_bad_tables_are_named(images, table, message):
     (images / "annotations" / "instances.tsv").write_text(table)
     with pytest.raises(UserError, match=f"instances.tsv.*{message}"):
-        open_annotations("plain", images, AnnotationKeys(CAMERA))
+        open_annotations(images, AnnotationKeys(CAMERA))
 
 
 def test_missing_and_undecodable_tables_are_named(images):
     table = images / "annotations" / "instances.tsv"
     table.write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UserError, match="instances.tsv.*0xff"):
-        open_annotations("plain", images, AnnotationKeys(CAMERA))
+        open_annotations(images, AnnotationKeys(CAMERA))
     table.unlink()
     with pytest.raises(UserError, match="instances.tsv.*No such file"):
-        open_annotations("plain", images, AnnotationKeys(CAMERA))
+        open_annotations(images, AnnotationKeys(CAMERA))
 
 
 @pytest.mark.parametrize(

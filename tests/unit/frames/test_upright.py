@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from egosplat.errors import UserError
 from egosplat.frames.adt import open_recording, rectification
-from egosplat.frames.annotations_stage import open_annotations
+from egosplat.frames.adt_annotations import open_annotations
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.recording import AnnotationKeys
 from egosplat.frames.rectify import clockwise_turns, pinhole
@@ -104,5 +104,5 @@ def test_a_gen2_recording_is_not_turned(sample, monkeypatch):
         assert (image == next(lying.read_frames(np.array([0])))).all()
     keys = [AnnotationKeys(lying.camera, upright) for upright in (True, False)]
     time = int(lying.timestamp_ns[0])
-    turned, sensor = (open_annotations("adt", sample, each).read(time) for each in keys)
+    turned, sensor = (open_annotations(sample, each).read(time) for each in keys)
     assert (turned == sensor).all()

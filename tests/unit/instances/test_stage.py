@@ -56,26 +56,11 @@ def test_masks_are_merged_with_refined_poses(scene, monkeypatch):
     assert found.read("instances/level").tolist() == [1, 1]
 
 
-def test_a_part_has_its_whole_as_parent(scene, truth):
-    """The upper half of the left square, at the finer level, lies in the left square."""
-    labels = marked(truth)
-    for frame in range(0, FRAMES, 2):
-        labels[frame, 1] += frame
-        labels[frame, 0, : SIZE // 2][truth[frame, : SIZE // 2] == 0] = 2 * frame + 2
-    level = np.tile(np.array([1, 1, 0, 0], np.int8), FRAMES // 2)
-    found = run(scene(labels=labels, **{"instances/level": level}))
-    assert found.read("instances/level").tolist() == [0, 1, 1]
-    parent = found.read("instances/parent")
-    left = found.read("labels")[0, 1][truth[0] == 0]
-    assert parent.tolist() == [np.bincount(left[left >= 0]).argmax(), -1, -1]
-
-
 def test_the_source_tracks_passes_segments_through(scene):
     folder = scene()
     found = run(folder, source="tracks")
     segments = verify(folder / "segments.zarr", SCHEMAS)
     assert np.array_equal(found.read("labels"), segments.read("labels"))
-    assert (found.read("instances/parent") == -1).all()
     assert found.shape("gaussians/xyz") == (0, 3)
     moving = np.arange(FRAMES) == 2
     found = run(scene(**{"instances/moving": moving}), "moving.zarr", source="tracks")
@@ -119,7 +104,6 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
         assert np.array_equal(counted, ~hidden[frame]) and (voting[:, ~counted] == -1).all()
     assert found.read("instances/level").tolist() == [1, 1, 0]
     assert found.read("instances/moving").tolist() == [False, False, True]
-    assert found.read("instances/parent").tolist() == [-1, -1, -1]
     assert found.read("instances/masks").tolist() == [5, 5, FRAMES - 1]
     shown = found.read("labels")
     assert np.array_equal(shown[:, 0] == 2, hidden) and (shown[:, 0][~hidden] == -1).all()

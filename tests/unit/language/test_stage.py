@@ -10,7 +10,7 @@ from egosplat.artifacts.reader import verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.language import dominant, joint, stage
-from egosplat.language.decoder import Decoder, read_scene_decoder
+from egosplat.language.decoder import Decoder, read_decoder
 from egosplat.language.method import Coded, Method
 from egosplat.language.views import CodeViews
 from egosplat.pipeline.config import defaults, stage_values
@@ -94,16 +94,14 @@ def test_a_method_s_own_decoder_and_stand_ins_are_stored_and_decode_the_scene(tr
         return Coded(plain.code, plain.share, plain.levels, own, stands_in=("sand in place of water",))
 
     folder = trained()
-    features = verify(folder / "features.zarr", SCHEMAS)
     without = run(folder)
     monkeypatch.setattr(dominant, "METHOD", Method(learned))
     found = run(folder, "learned.zarr")
     assert found.facts["stands_in"] == ["sand in place of water", GEOMETRY]
-    decoder = read_scene_decoder(found, features)
+    decoder = read_decoder(found)
     assert vars(decoder) | {"values": None} == vars(own) | {"values": None}
     np.testing.assert_array_equal(decoder.values, own.values)
-    shared = read_scene_decoder(without, features)
-    assert shared.widths == tuple(features.facts["decoder"]["widths"]) != own.widths
+    assert not without.has("decoder/values")
 
 
 def test_frames_left_out_by_the_survey_are_not_used(trained, survey_that_keeps):

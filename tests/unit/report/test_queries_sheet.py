@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.evaluation.options import MetricsOptions
+from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.evaluation.scores import iou
 from egosplat.pipeline.validation import read_document
 from egosplat.query import finished_scene
@@ -19,7 +19,6 @@ from egosplat.report.sheets.queries_sheet import (
     open_scored,
     run,
     scored_queries,
-    scoring_options,
     summary,
 )
 from tests.support.scenes import put
@@ -80,7 +79,7 @@ def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right_below_th
 def test_the_maps_are_those_that_were_scored(word_scene):
     folder = word_scene()
     scored = read_document(score(folder, resolution=40, canonical=["thing"], box_filter=0.1), "metrics")
-    scene = open_scored(folder, scoring_options(scored))
+    scene = open_scored(folder, recorded_options(scored["provenance"]["options"]))
     queries = scored_queries(scored)
     shown = {one.scored: one for one in ask_again(queries, scene, scored, folder / "metrics.json")}
     assert len(shown) == len(queries) == 4
@@ -103,9 +102,12 @@ def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
     nothing = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
     put(folder, "histories", nothing, made_from=["frames", "poses", "splats"])
     scored = read_document(score(folder, (*ARTIFACTS, "histories")), "metrics")
-    scene = open_scored(folder, scoring_options(scored), in_time=True)
+    scene = open_scored(folder, recorded_options(scored["provenance"]["options"]), in_time=True)
     assert len(list(ask_again(scored_queries(scored)[:1], scene, scored, folder / "metrics.json"))) == 1
-    assert scene.rests is not None and open_scored(folder, scoring_options(scored)).rests is None
+    assert (
+        scene.rests is not None
+        and open_scored(folder, recorded_options(scored["provenance"]["options"])).rests is None
+    )
 
 
 def test_without_a_query_the_page_says_so(word_scene, monkeypatch):

@@ -21,7 +21,7 @@ from egosplat.viewing.gaussians import (
     spatial_order,
     to_bytes,
 )
-from egosplat.viewing.html import pack, unpack
+from egosplat.viewing.html import pack
 from tests.support.page_scene import (
     TITLE,
     contents_of,
@@ -30,6 +30,7 @@ from tests.support.page_scene import (
     put_histories,
     scales_of,
     shares_of,
+    unpack,
     wall,
     write_page,
 )

@@ -13,7 +13,7 @@ import pytest
 from egosplat.errors import UserError
 from egosplat.viewing import growing
 from egosplat.viewing.command import open_page
-from egosplat.viewing.html import data_of, unpack
+from egosplat.viewing.html import facts_of
 from egosplat.viewing.options import PageOptions
 from egosplat.viewing.server import PageServer
 from tests.support.page_scene import TITLE, put_page_scene
@@ -154,7 +154,7 @@ def test_a_page_that_is_there_is_served_if_it_is_of_this_scene(tmp_path, page_sc
         return open_page(folder, PageOptions(device="cpu", **changes))[0]
 
     def title(page):
-        return unpack(data_of(page))[0]["title"]
+        return facts_of(page)["title"]
 
     assert served() == written and title(served(max_gaussians=5)) != TITLE
     (folder / "scene.html").write_text("<!DOCTYPE html>mine")

@@ -32,7 +32,7 @@ from egosplat.drawing import (
 from egosplat.evaluation.document import describe_models
 from egosplat.evaluation.evaluation_frames import SCORED, Evaluation, read_evaluation
 from egosplat.evaluation.options import MetricsOptions, recorded_options
-from egosplat.evaluation.queries import find_queries, mask_of, phrases_to_ask, read_layers
+from egosplat.evaluation.queries import mask_of, phrases_to_ask, read_layers
 from egosplat.evaluation.scores import CHANCE, ask_of, bounding_boxes
 from egosplat.pipeline.validation import read_document
 from egosplat.query.answers import ViewMatch
@@ -79,7 +79,7 @@ def run(*, metrics_path: Path, output: Path, title: str, **paths: Path | None) -
     together, or the features' OpenCLIP is missing.
     """
     document = read_document(metrics_path, "metrics")
-    scene = scene_of(open_inputs(paths).values(), scoring_options(document))
+    scene = scene_of(open_inputs(paths).values(), recorded_options(document["provenance"]["options"]))
     blocks = best_and_worst(scored_queries(document), ROWS)
     asked = ask_again([*blocks[0], *blocks[1]], scene, document, metrics_path)
     shown = {query.scored: query for query in asked}
@@ -148,12 +148,6 @@ def evaluation_of(scene: Scene, held_out: str = "corrected") -> Evaluation:
     return read_evaluation(*(scene.artifact(one.name) for one in SCORED[:4]), held_out=held_out)
 
 
-def scoring_options(document: Mapping[str, Any]) -> MetricsOptions:
-    """The options of the stage ``metrics`` that scored a scene, on any device."""
-    recorded = recorded_options(document["provenance"]["options"])
-    return recorded.change(device="auto", backend="auto")
-
-
 def ask_again(
     chosen: Sequence[ScoredQuery], scene: Scene, document: Mapping[str, Any], path: Path
 ) -> Iterator[ShownQuery]:
@@ -165,10 +159,9 @@ def ask_again(
     check_inputs(path, document["provenance"]["inputs"], scene.given)
     if not chosen:
         return
-    options = scoring_options(document)
+    options = recorded_options(document["provenance"]["options"])
     evaluation = evaluation_of(scene, options.held_out)
-    queries = find_queries(evaluation.annotations, evaluation.valid, options)
-    asked = {(query.frame, query.category): query for query in queries}
+    asked = {(query.frame, query.category): query for query in evaluation.find_queries(options)}
     shown = [asked[query.frame, query.category] for query in chosen]
     ask = ask_of(evaluation, scene.asker(phrases_to_ask(shown, evaluation.instances, options)), options.masks)
     for frame in sorted({query.frame for query in chosen}):

@@ -107,7 +107,7 @@ def test_an_average_is_over_the_scenes_that_are_there_and_its_interval_over_thei
     assert average(three_scenes, "accuracy", "static") == Cell()
     clusters = [three_scenes[name].clusters("accuracy", "all") for name in found.scenes]
     expected = clustered_interval(clusters)
-    assert found.interval == (100 * expected.low, 100 * expected.high)
+    assert found.interval == (100 * expected[0], 100 * expected[1])
     single = {"scene1": scored("scene1", {"cup": [True, False]})}
     assert average(single, "accuracy", "all").interval is None
     chance = average(three_scenes, "random_pixel", "all")
