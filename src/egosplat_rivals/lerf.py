@@ -11,16 +11,14 @@ from torch.nn import functional as F
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.schemas import TILES
 from egosplat.features.compression import fit_linear
-from egosplat.geometry import invert
-from egosplat.language.centers import median_depths
 from egosplat.language.decoder import Decoder
 from egosplat.language.lifting import shares
 from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.views import CodeViews
-from egosplat.rasterize.view import pixel_lists
 from egosplat_rivals.hash_grid import FEATURES, RESOLUTIONS, HashGrid, contract
 from egosplat_rivals.loop import Layers, Step, Trainee, fewer_iterations, train
+from egosplat_rivals.surface import surface_depths
 from egosplat_rivals.tile_views import TileViews, nearest
 
 # Published: hidden layers of the features' and the regulariser's network, the learning rate and where it ends, decay,
@@ -147,17 +145,14 @@ class Field(Trainee):
 
     def _surface(self, view: int, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """The points [m] at the median depth of pixels, their distances from the camera [m], and which pixels have one."""
-        gaussians, camera, pose = self.views.gaussians, self.views.camera, self.views.camera_to_world[view]
-        shown = pixel_lists(self.views.view(view), pixels)
-        inverse = torch.from_numpy(invert(pose))
-        depth = median_depths(*shown, gaussians.means.cpu().double() @ inverse[2, :3] + inverse[2, 3])
+        camera, depth = self.views.camera, surface_depths(self.views, view, pixels)
         seen = depth.isfinite()
         at = pixels[seen].double() + 0.5
         focal, middle = torch.tensor([camera.fx, camera.fy]), torch.tensor([camera.cx, camera.cy])
         rays = torch.cat([(at - middle) / focal, at.new_ones(len(at), 1)], dim=1) * depth[seen, None]
-        to_world = torch.from_numpy(pose)
+        to_world = torch.from_numpy(self.views.camera_to_world[view])
         points = rays @ to_world[:3, :3].T + to_world[:3, 3]
-        return points.to(gaussians.means), rays.norm(dim=1).float(), seen
+        return points.to(self.views.gaussians.means), rays.norm(dim=1).float(), seen
 
 
 @torch.no_grad()

@@ -127,16 +127,11 @@ def read_views(
         frame=rows.astype(np.int64),
         pictures=pictures,
         camera_to_world=poses.read("camera_to_world")[rows],
-        valid=valid_weight(valid, device),
+        valid=None if valid.all() else torch.from_numpy(valid).to(device, torch.float32),
         transient=StoredRows(masked) if frames.has("masked") else None,
         camera=camera.scaled_to(width, height),
         device=device,
     )
-
-
-def valid_weight(valid: Mask, device: torch.device) -> Tensor | None:
-    """Return the (H, W) float32 weight of the lens circle ``valid`` (H, W), 0 outside; None if all pixels are valid."""
-    return None if valid.all() else torch.from_numpy(valid).to(device, torch.float32)
 
 
 # Artifact, schema and array, by kind of masking.

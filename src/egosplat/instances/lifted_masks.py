@@ -100,7 +100,7 @@ def lift_masks(
         if not (labels >= 0).any():
             continue
         view = camera, camera_to_world[place], settings
-        centers = look_at_centers(gaussians, *view, median=False)
+        centers = look_at_centers(gaussians, *view)
         x, y = centers.pixel.T
         shown = counted[y, x] & (centers.weight > _HIDDEN)
         gaussian, found = centers.gaussian[shown], labels[:, y[shown], x[shown]]

@@ -132,8 +132,6 @@ class JointLanguage(Objective):
     """L_RGB-w + L_F-w (the paper's weight is 1); the Gaussians' features are the concatenated codes of all levels, so that their gradients
     reach the geometry, too."""
 
-    advice = "raise run.near_plane"
-
     def __init__(self, ssim_lambda: float, targets: CodeTargets) -> None:
         """Take the targets of the codes; ``ssim_lambda`` as in ``L1Ssim``."""
         self._colors = L1Ssim(ssim_lambda)

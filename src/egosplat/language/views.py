@@ -34,10 +34,9 @@ class CodeViews(Views):
         """The Gaussians in a view."""
         return view_of(self.gaussians, self.camera, self.camera_to_world[index], self.settings)
 
-    def centers(self, index: int, median: bool = False) -> Centers:
+    def centers(self, index: int) -> Centers:
         """The centers of the Gaussians in a view, see ``look_at_centers``."""
-        pose = self.camera_to_world[index]
-        return look_at_centers(self.gaussians, self.camera, pose, self.settings, median=median)
+        return look_at_centers(self.gaussians, self.camera, self.camera_to_world[index], self.settings)
 
     def weight_at(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.float32]:
         """Return the (P,) weights of (P, 2) pixels, column and row."""

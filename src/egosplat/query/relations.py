@@ -12,7 +12,7 @@ from egosplat.query.answers import Answer, Thing
 from egosplat.query.grades import NOT_FOUND, Grading, judge
 from egosplat.query.reading import Question, with_article
 from egosplat.query.text import WORDS
-from egosplat.query.things import EXTENT, Surface, quantiles
+from egosplat.query.things import EXTENT, Surface, extent_of
 
 # Share of the smaller footprint that two things have in common where one is above the other.
 _SHARED = 0.4
@@ -114,7 +114,7 @@ class Space:
         """The body of a thing, by the Gaussians that it is made of."""
         points = self.surface.means[thing.members] @ self.axes.T
         weight = self.surface.weight[thing.members].max(axis=1).astype(np.float64)
-        return Body(np.stack([quantiles(axis, weight) for axis in points.T], axis=1), points)
+        return Body(extent_of(points, weight), points)
 
     def best_frame(self, things: Sequence[Thing]) -> int | None:
         """The frame that shows all of some things best; None if none shows all."""

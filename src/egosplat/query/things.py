@@ -236,17 +236,14 @@ def _thing(
     surface: Surface, score: float, share: float, view: int, level: int, members: NDArray[np.int64]
 ) -> Thing:
     weight, means = surface.weight[members, level].astype(np.float64), surface.means[members]
-    low, high = np.stack([quantiles(axis, weight) for axis in means.T], axis=1)
+    low, high = extent_of(means, weight)
     center, frame = weight @ means / weight.sum(), int(surface.frame[view])
     return Thing(score, surface.levels[level], center, high - low, frame, members, share)
 
 
-def quantiles(values: Array, weight: Array) -> Array:
-    """(2,) weighted quantiles of (M,) values at ``EXTENT``."""
-    order = np.argsort(values)
-    below = np.cumsum(weight[order])
-    index = np.searchsorted(below, np.array(EXTENT) * below[-1])
-    return values[order[np.minimum(index, len(values) - 1)]]
+def extent_of(points: Array, weight: Array) -> Array:
+    """(2, 3) quantiles of (M, 3) points at ``EXTENT``, by their weights."""
+    return np.quantile(points, EXTENT, axis=0, weights=weight, method="inverted_cdf")
 
 
 def _same(thing: Thing, other: Thing, surface: Surface) -> bool:

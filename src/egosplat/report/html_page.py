@@ -1,7 +1,6 @@
 """Fill a template of a page that is one self-contained HTML file, with pictures inside."""
 
 import base64
-from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -19,18 +18,8 @@ _KINDS = (".png", ".jpg", ".jpeg")
 _QUALITY = 90
 
 
-@dataclass(frozen=True)
-class Picture:
-    """An image on a page: its name, its caption, and its content as a data URI."""
-
-    name: str
-    address: str
-    about: str
-
-
-def read_picture(path: Path, about: str | None = None) -> Picture:
-    """Read a PNG or JPEG file and encode it as WebP; its name, and without ``about`` its caption, is its path
-    below ``results`` (UserError: it cannot be read, or is of another kind)."""
+def read_picture(path: Path) -> str:
+    """Read a PNG or JPEG file as the data URI of a WebP (UserError: it cannot be read, or is of another kind)."""
     if path.suffix.lower() not in _KINDS:
         raise UserError(f"{path}: is not an image for the page; give {', '.join(_KINDS)}")
     if not path.is_file():
@@ -41,8 +30,7 @@ def read_picture(path: Path, about: str | None = None) -> Picture:
         raise UserError(f"{error} Delete it and make it again: {make_command(path)}") from error
     # Inside the page, so that it can be sent as one file.
     content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY).tobytes()).decode("ascii")
-    name = path.as_posix().rpartition("results/")[2]
-    return Picture(name, f"data:image/webp;base64,{content}", name if about is None else about)
+    return f"data:image/webp;base64,{content}"
 
 
 def render_page(package: str, template: str, **values: Any) -> str:

@@ -43,7 +43,7 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
         generator="egosplat story",
         title=title,
         told=told | documents,
-        pictures={name: read_picture(path).address for name, path in given.items() if path.suffix == ".png"},
+        pictures={name: read_picture(path) for name, path in given.items() if path.suffix == ".png"},
         costs=[made[name] for name in STAGES if name in made],
         warnings=warnings_of(*artifacts.values()) + warning_lines(None, scored),
         scene=given["scene_page"].read_text(encoding="utf-8") if "scene_page" in given else None,

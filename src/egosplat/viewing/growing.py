@@ -63,5 +63,5 @@ def _fill(told: dict[str, Any], folder: Path, done: threading.Event) -> None:
                     if made not in drawn and not done.is_set():
                         output = scratch / f"{name}.png"
                         import_module(STAGES[name].module).run(**paths, output=output, title=told["title"])
-                        told["pictures"] = {**told["pictures"], name: read_picture(output).address}
+                        told["pictures"] = {**told["pictures"], name: read_picture(output)}
                         drawn.add(made)

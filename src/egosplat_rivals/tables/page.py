@@ -2,14 +2,23 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from egosplat.report.html_page import Picture
+from egosplat.report.html_page import read_picture
 
 # The package and the name of the template of all pages here.
 TEMPLATE = "egosplat_rivals.tables", "page.html.j2"
+
+
+class Picture:
+    """An image file on a page: its content as a data URI, its path below ``results``, and its caption. Raises as ``read_picture``."""
+
+    def __init__(self, path: Path, about: str | None = None) -> None:
+        self.address, self.name = read_picture(path), path.as_posix().rpartition("results/")[2]
+        self.about = self.name if about is None else about
 
 
 @dataclass(frozen=True)

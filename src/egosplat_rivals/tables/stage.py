@@ -8,10 +8,10 @@ from egosplat.alarms.table import TABLE, Alarm
 from egosplat.evaluation.intervals import CONFIDENCE
 from egosplat.files import write_text
 from egosplat.progress import log
-from egosplat.report.html_page import read_picture, render_page
+from egosplat.report.html_page import render_page
 from egosplat_rivals.scored_scenes import ScoredScene, Series, check_protocol, find_series, read_scored_scene
 from egosplat_rivals.tables.formats import COMMAND, to_csv, to_html, to_latex, to_markdown
-from egosplat_rivals.tables.page import TEMPLATE, Section, plain_table
+from egosplat_rivals.tables.page import TEMPLATE, Picture, Section, plain_table
 from egosplat_rivals.tables.paper_numbers import in_a_table
 from egosplat_rivals.tables.paper_tables import paper_tables
 from egosplat_rivals.tables.table import Layout
@@ -58,7 +58,7 @@ def write_page(tables: Sequence[Layout], series: Sequence[Series], pictures: Seq
     if alarms := [line for _, scene in scenes for line in _alarms(scene)]:
         about = "Values found by the stages that make a scene's scores unreliable."
         sections.append(Section("alarms", "Alarms", about, plain_table(alarms), "words"))
-    sections.append(Section("pictures", pictures=[read_picture(path) for path in pictures]))
+    sections.append(Section("pictures", pictures=[*map(Picture, pictures)]))
     return render_page(
         *TEMPLATE,
         generator=COMMAND,

@@ -10,9 +10,9 @@ from egosplat.evaluation.scores import CHANCE
 from egosplat.files import write_text
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
-from egosplat.report.html_page import read_picture, render_page
+from egosplat.report.html_page import render_page
 from egosplat_rivals.scored_scenes import ScoredScene
-from egosplat_rivals.tables.page import TEMPLATE, Section, plain_table
+from egosplat_rivals.tables.page import TEMPLATE, Picture, Section, plain_table
 from egosplat_rivals.tradeoff.chart import draw
 from egosplat_rivals.tradeoff.measured import (
     COSTS,
@@ -70,7 +70,7 @@ def write_page(runs: Sequence[ScoredScene], numbers: pd.DataFrame, picture: Path
     mean = f"Each number is the mean of {len(scenes)} scenes; points that a scene lacks are left out."
     caption = f"The Pareto front of each panel is a line{': thin for each scene, thick for their mean' if several else ''}."
     sections = [
-        Section("plot", pictures=[read_picture(picture, caption)]),
+        Section("plot", pictures=[Picture(picture, caption)]),
         Section(
             "bought", "What would I get for a number of minutes?", "", _bought_table(means), style, [_BOUGHT]
         ),

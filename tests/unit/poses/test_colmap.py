@@ -175,7 +175,7 @@ def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_imag
     back[:, 2, 3] -= 0.05
     project = features_of([*walk_images, *room.images(back)], tmp_path)
     pycolmap.set_random_seed(0)
-    pairs = sequential_pairs(project, 3, seed=0)
+    pairs = sequential_pairs(project, 3)
     assert len(pairs) == len(set(pairs))
     found = {(int(first[:6]), int(second[:6])) for first, second in pairs}
     near = {(a, a + step) for a in range(20) for step in (1, 2, 3, 4) if a + step < 20}
@@ -183,12 +183,10 @@ def test_frames_are_matched_with_neighbors_and_places_seen_again(room, walk_imag
     # The camera returns to its start: the first image is paired with one of the last three.
     assert found & {(0, 17), (0, 18), (0, 19)}
     pycolmap.set_random_seed(0)
-    assert sequential_pairs(project, 3, seed=0) == pairs
+    assert sequential_pairs(project, 3) == pairs
     # Of a recording with fewer features than centers of them, pairs near in time are still matched.
     monkeypatch.setattr(matching, "_SAMPLE", 1)
-    assert near <= {
-        (int(first[:6]), int(second[:6])) for first, second in sequential_pairs(project, 3, seed=0)
-    }
+    assert near <= {(int(first[:6]), int(second[:6])) for first, second in sequential_pairs(project, 3)}
 
 
 def test_images_with_few_features_get_weaker_ones(walk_images, tmp_path, monkeypatch):

@@ -13,7 +13,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from egosplat.calibration.colmap.database import MIN_IMAGES, Project
-from egosplat.calibration.colmap.matching import match_images
+from egosplat.calibration.colmap.matching import SEED, match_images
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.files import scratch_directory
 from egosplat.progress import track
@@ -27,9 +27,6 @@ MIN_SEEN = 15
 # Their largest error, as a share of the longer side, and at least [px]. With COLMAP's 12 px, eight frames of 96 px had rotations wrong
 # by 65 degrees (root mean square), and now by 3.
 _MAX_POSE_ERROR, _LEAST_POSE_ERROR_PX = 0.012, 2.0
-
-# Of COLMAP's random choices. Trainings with several seeds have the same poses.
-SEED = 0
 
 
 def reconstruct(
@@ -61,9 +58,9 @@ def reconstruct(
         pycolmap.set_random_seed(SEED)
         project.import_images()
         project.extract(threads)
-        notes = match_images(project, matching, SEED, threads)
+        notes = {"frames": len(project.names)} | match_images(project, matching, threads)
         project.check_free_space()
-        return _map(project), {"frames": len(project.names)} | notes
+        return _map(project), notes
 
 
 def _map(project: Project) -> list[pycolmap.Reconstruction]:

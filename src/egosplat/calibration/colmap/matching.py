@@ -12,6 +12,9 @@ from scipy.cluster.vq import kmeans2, vq
 from egosplat.calibration.colmap.database import Project
 from egosplat.progress import log
 
+# Of COLMAP's random choices. Trainings with several seeds have the same poses.
+SEED = 0
+
 # Images later that each is compared with, beside those 1, 2, 4, 8, ... later and those that look alike.
 OVERLAP = 8
 
@@ -29,7 +32,7 @@ _ROWS = 512
 _TINY = 1e-6
 
 
-def match_images(project: Project, matching: str, seed: int, threads: int) -> dict[str, Any]:
+def match_images(project: Project, matching: str, threads: int) -> dict[str, Any]:
     """Match features between images and verify the matches geometrically, by the same result for any number of threads.
 
     ``auto`` is ``exhaustive`` (every pair) for up to ``EXHAUSTIVE_UP_TO`` images, else ``sequential``. Returns the one that was used, and
@@ -39,10 +42,10 @@ def match_images(project: Project, matching: str, seed: int, threads: int) -> di
     if matching == "auto":
         matching = "exhaustive" if len(project.names) <= EXHAUSTIVE_UP_TO else "sequential"
     every = itertools.combinations(project.names, 2)
-    pairs = [*every] if matching == "exhaustive" else sequential_pairs(project, OVERLAP, seed)
+    pairs = [*every] if matching == "exhaustive" else sequential_pairs(project)
     options = pycolmap.FeatureMatchingOptions(num_threads=threads)
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = seed
+    verification.ransac.random_seed = SEED
     listed = pycolmap.ImportedPairingOptions(match_list_path=project.folder / "pairs.txt")
     for batch in project.in_batches(pairs, _PAIRS_PER_BATCH, "COLMAP: matching images", "pair"):
         listed.match_list_path.write_text("".join(f"{first} {second}\n" for first, second in batch))
@@ -59,13 +62,13 @@ def match_images(project: Project, matching: str, seed: int, threads: int) -> di
     }
 
 
-def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
+def sequential_pairs(project: Project, overlap: int = OVERLAP) -> list[Pair]:
     """Pairs near in time, and pairs of images further apart that look alike, which close loops.
 
     Each image is paired with ``overlap`` next ones, with those 2, 4, ..., 2^(overlap - 1) later, and with the ``_ALIKE``
-    that look most like it. ``seed`` is of the choice of descriptors.
+    that look most like it.
     """
-    names, looks = project.names, _looks(project, seed)
+    names, looks = project.names, _looks(project)
     offsets = {*range(1, overlap + 1), *(2**power for power in range(overlap))}
     near = {pair for offset in offsets for pair in zip(names, names[offset:], strict=False)}
     alike = set()
@@ -78,12 +81,12 @@ def sequential_pairs(project: Project, overlap: int, seed: int) -> list[Pair]:
     return sorted(near | alike)
 
 
-def _looks(project: Project, seed: int) -> NDArray[np.float32]:
+def _looks(project: Project) -> NDArray[np.float32]:
     """(F, D) float32 vectors, whose products are large for images that look alike.
 
     Around centers of all descriptors, they add up where an image's own lie (VLAD; Jegou et al. 2010).
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(SEED)
     with pycolmap.Database.open(project.database) as database:
         images = sorted(database.read_all_images(), key=lambda image: image.name)
 
