@@ -14,7 +14,7 @@ from torch import Tensor
 from benchmarks.common import markdown
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, SPLATS
-from egosplat.gaussians.evaluation import evaluate
+from egosplat.gaussians.evaluation import evaluate, mean_known
 from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import torch_l1_ssim
 from egosplat.gaussians.model import Gaussians
@@ -195,11 +195,8 @@ class GsplatTraining:
                 spent += time.perf_counter() - began
                 degree = _sh_degree(step)
                 seconds.append(spent)
-                psnr.append(
-                    evaluate(
-                        TrainedScene(self._gaussians, settings, held_out.camera, degree), held_out
-                    ).mean_psnr
-                )
+                scene = TrainedScene(self._gaussians, settings, held_out.camera, degree)
+                psnr.append(mean_known(evaluate(scene, held_out)[0]))
                 self._wait()
                 began = time.perf_counter()
         return Curve(self._iterations, len(self._parameters["means"]), tuple(seconds), tuple(psnr))

@@ -69,12 +69,6 @@ def draw_heading(figure: Figure, title: str, warnings: Sequence[str], fontsize: 
     figure.set_size_inches(width, height + _LINE * fontsize / 12 * added)
 
 
-def middles_of_parts(count: int, most: int) -> list[int]:
-    """At most ``most`` indices below ``count``: the middle of each of as many equal parts."""
-    parts = min(count, most)
-    return [count * (2 * part + 1) // (2 * parts) for part in range(parts)]
-
-
 def split_page(page: FigureBase, rows: int, columns: int, **ratios: Any) -> list[SubFigure]:
     """Split a page into parts, row by row; ``ratios`` as for ``FigureBase.subfigures``."""
     return [*page.subfigures(rows, columns, squeeze=False, **ratios).flat]

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.stats import rankdata
+from scipy.stats import mannwhitneyu
 
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.queries import Query
@@ -145,5 +145,4 @@ def separation(present: Sequence[float], absent: Sequence[float]) -> float:
     """Area under the ROC curve: how often a present thing scores higher than an absent one; NaN if either is empty."""
     if not len(present) or not len(absent):
         return float("nan")
-    ranks = rankdata(np.concatenate([present, absent]))[: len(present)]
-    return float((ranks.mean() - (len(present) + 1) / 2) / len(absent))
+    return float(mannwhitneyu(present, absent, method="asymptotic").statistic / (len(present) * len(absent)))

@@ -1,7 +1,6 @@
 """Score renders against photographs: PSNR and SSIM of 8-bit images."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -13,28 +12,19 @@ from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.training_views import Views
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
-
-@dataclass(frozen=True)
-class Scores:
-    """PSNR [dB] and SSIM of V images, (V,) float64 each; NaN for an image without a valid pixel, or SSIM window."""
-
-    psnr: NDArray[np.float64]
-    ssim: NDArray[np.float64]
-
-    @property
-    def mean_psnr(self) -> float:
-        """Mean over the images with a value, NaN if there is none."""
-        return _mean(self.psnr)
-
-    @property
-    def mean_ssim(self) -> float:
-        """Mean over the images with a value, NaN if there is none."""
-        return _mean(self.ssim)
+# PSNR [dB] and SSIM of V images, (V,) float64 each; NaN for an image without a valid pixel, or SSIM window.
+Scores = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
-def _mean(values: NDArray[np.float64]) -> float:
+def mean_known(values: NDArray[np.float64]) -> float:
+    """Mean of ``Scores`` over the images with a value, NaN if there is none."""
     known = values[~np.isnan(values)]
     return float(known.mean()) if len(known) else float("nan")
+
+
+def describe(psnr: NDArray[np.float64], ssim: NDArray[np.float64]) -> str:
+    """The means of scores in words."""
+    return f"PSNR {mean_known(psnr):.2f} dB, SSIM {mean_known(ssim):.3f}"
 
 
 @torch.no_grad()
@@ -54,7 +44,7 @@ def evaluate(
         valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
         scores[index] = psnr(picture, truth, valid), mean_ssim(ssim_map(picture, truth, valid), valid)
         show(index, picture.cpu().numpy())
-    return Scores(scores[:, 0], scores[:, 1])
+    return scores[:, 0], scores[:, 1]
 
 
 def rendered(scene: TrainedScene, views: Views, index: int) -> Tensor:

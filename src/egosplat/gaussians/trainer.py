@@ -14,7 +14,7 @@ from egosplat.compute import single_thread
 from egosplat.errors import UserError
 from egosplat.gaussians.corrections import Corrections, applied, make_corrections
 from egosplat.gaussians.density_control import DensityControl
-from egosplat.gaussians.evaluation import evaluate
+from egosplat.gaussians.evaluation import describe, evaluate, mean_known
 from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import Objective
 from egosplat.gaussians.model import PARAMETERS, Gaussians
@@ -258,14 +258,14 @@ def measure(state: TrainingState, held_out: Views) -> None:
         # A fit would take longer than the evaluation, and scores of other poses are other scores.
         held_out = applied(held_out, corrections.values_at(held_out.frame), corrections.compression)
         poses = "corrected as the frames before and after"
-    scores = evaluate(state.scene(held_out.camera), held_out)
+    psnr, ssim = evaluate(state.scene(held_out.camera), held_out)
     curves = state.curves
     curves.evaluated.append(state.iteration)
-    curves.psnr.append(scores.mean_psnr)
-    curves.ssim.append(scores.mean_ssim)
+    curves.psnr.append(mean_known(psnr))
+    curves.ssim.append(mean_known(ssim))
     curves.seconds.append(round(state.seconds, 3))
     told = [f"iteration {state.iteration}: {state.gaussians.count} Gaussians"]
     told += [f"loss {curves.loss[-1]:.4f}"] if curves.loss else []
-    if not math.isnan(scores.mean_psnr):
-        told += [f"held-out frames {poses}: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"]
+    if not math.isnan(curves.psnr[-1]):
+        told += [f"held-out frames {poses}: {describe(psnr, ssim)}"]
     log(", ".join(told))

@@ -96,7 +96,3 @@ class AskingOptions(QueryOptions, BackendOptions, DeviceOptions):
         defaults = DEFAULTS.get(clip_model, DEFAULTS[PUBLISHED])["query"]
         unset = {key: value for key, value in defaults.items() if key not in self.model_fields_set}
         return self.change_keys(**unset | keys)
-
-
-# LangSplat's protocol, used by the paper.
-LANGSPLAT = QueryOptions(min_score=0.5, size_weight=0.0)

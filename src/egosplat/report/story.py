@@ -31,9 +31,8 @@ def run(paths: Sequence[Path], output: Path, title: str) -> None:
     made = {name: artifact.provenance for name, artifact in artifacts.items()}
     made |= {name: document["provenance"] for name, document in documents.items()}
     told = {
-        name: artifact.facts | _NUMBERS[name](artifact)
+        name: artifact.facts | _NUMBERS.get(name, lambda _: {})(artifact)
         for name, artifact in artifacts.items()
-        if name in _NUMBERS
     }
     alarms = [Alarm(**alarm) for alarm in documents.get("metrics", {"alarms": ()})["alarms"]]
     scored = [alarm for alarm in alarms if alarm.key.startswith("metrics.")]
@@ -74,8 +73,6 @@ _NUMBERS: dict[str, Callable[[Artifact], dict[str, Any]]] = {
     "frames": _frames,
     "poses": _poses,
     "instances": lambda instances: {"moving": instances.read("instances/moving").sum()},
-    "features": lambda features: {},
-    "masks": lambda masks: {},
     "splats": _splats,
     "histories": lambda histories: {"carries": histories.shape("carries/start")[0]},
     "language": lambda language: {"with_code": (language.read("share") > 0).mean(axis=0)},

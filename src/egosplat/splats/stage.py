@@ -34,7 +34,7 @@ from egosplat.gaussians.corrections import (
     corrected_poses,
     resolve_camera,
 )
-from egosplat.gaussians.evaluation import Scores, evaluate
+from egosplat.gaussians.evaluation import Scores, describe, evaluate
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import scene_extent
 from egosplat.gaussians.io import put_curves, put_gaussians
@@ -230,16 +230,16 @@ def _put_held_out(artifact: Writer, scene: TrainedScene, held_out: Views, suffix
     camera, render = held_out.camera, f"held_out/render{suffix}"
     artifact.allocate(render, (len(held_out), camera.height, camera.width, 3))
     scores = evaluate(scene, held_out, partial(artifact.put_row, render))
-    artifact.put(f"held_out/psnr{suffix}", scores.psnr)
-    artifact.put(f"held_out/ssim{suffix}", scores.ssim)
+    for name, values in zip(("psnr", "ssim"), scores, strict=True):
+        artifact.put(f"held_out/{name}{suffix}", np.ascontiguousarray(values))
     return scores
 
 
 def _summary(scores: Scores, corrections: Corrections | None) -> str:
-    if not len(scores.psnr):
+    if not len(scores[0]):
         return ": no frame"
     poses = "as given" if corrections is None else "with fitted corrections"
-    return f" {poses}: PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
+    return f" {poses}: {describe(*scores)}"
 
 
 def _facts(scene: TrainedScene, views: Views, held_out: Views, extent: float) -> dict[str, Any]:

@@ -9,9 +9,9 @@ import torch
 from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.query.maps import box_filter, fill_unseen, localize
-from egosplat.query.options import LANGSPLAT
 from egosplat.query.text import Texts
 from egosplat.query.views import View, answer_from_codes, pixel_position
+from tests.support.langsplat import LANGSPLAT
 
 CAMERA = Camera(8, 6, 7.0, 7.0, 4.0, 3.0)
 IDENTITY = Decoder((4,), np.zeros(0, np.float32))

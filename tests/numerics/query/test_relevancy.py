@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from egosplat.language.decoder import Decoder
 from egosplat.query import relevancy as module
-from egosplat.query.options import LANGSPLAT, QueryOptions
+from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy_maps
 from egosplat.query.text import Texts
+from tests.support.langsplat import LANGSPLAT
 
 WIDTH = 512
 ENDS = [1e-3, 1.0, 10.0, 1e3, 1e4]

@@ -12,11 +12,11 @@ from egosplat.geometry import Camera
 from egosplat.language.decoder import Decoder
 from egosplat.query.command import run
 from egosplat.query.finished_scene import open_scene
-from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene, Viewpoint
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
 from tests.support.gaussian_scene import SETTINGS
+from tests.support.langsplat import LANGSPLAT
 from tests.support.page_scene import put_histories
 from tests.support.sightings import make_rests
 from tests.support.splats import blobs

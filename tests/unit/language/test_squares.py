@@ -22,7 +22,6 @@ from egosplat.language.views import CodeViews, select_code_views
 from egosplat.pipeline.config import defaults, stage_values
 from egosplat.pipeline.stages import STAGES, load_module
 from egosplat.query.answers import ViewMatch
-from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene, Viewpoint
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker
@@ -30,6 +29,7 @@ from egosplat.rasterize.view import render_codes
 from egosplat_rivals import loop
 from egosplat_rivals.tile_views import TileViews, pyramid
 from tests.support.gaussian_scene import SETTINGS, opaque
+from tests.support.langsplat import LANGSPLAT
 from tests.support.scenes import camera_facts, put, put_scene
 from tests.unit.language.conftest import (
     CAMERA,

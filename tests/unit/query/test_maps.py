@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from egosplat.query.maps import PLATEAU, Maps, box_filter, fill_unseen, localize, majority, read_maps, segment
-from egosplat.query.options import LANGSPLAT
+from tests.support.langsplat import LANGSPLAT
 
 SIZE = 48
 OPTIONS = LANGSPLAT.change(box_filter=6 / SIZE, majority_filter=7 / SIZE)

@@ -11,7 +11,6 @@ from egosplat.artifacts.schemas import FEATURES, LANGUAGE, POSES, SPLATS
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.query import text
-from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import Viewpoint, read_scene
 from egosplat.query.text import Texts
 from egosplat.query.things import (
@@ -24,6 +23,7 @@ from egosplat.query.things import (
 )
 from egosplat.query.views import show_thing
 from egosplat.rasterize.view import composite
+from tests.support.langsplat import LANGSPLAT
 from tests.support.splats import blobs
 
 SPACING = 0.1

@@ -8,8 +8,9 @@ import torch
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.query import grades
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, by_probability, by_score
-from egosplat.query.options import LANGSPLAT, QueryOptions
+from egosplat.query.options import QueryOptions
 from egosplat.query.text import Texts, other_meanings
+from tests.support.langsplat import LANGSPLAT
 
 FIT = Calibration(-1.0, {"level": 0.25, "fit": 1.0, "apart": 2.0, "lead": 3.0}, 0.7)
 

@@ -11,12 +11,12 @@ from egosplat.gaussians.render import view_of as gaussians_in
 from egosplat.geometry import Camera, invert, make_pose, transform
 from egosplat.language.decoder import Decoder
 from egosplat.query import text
-from egosplat.query.options import LANGSPLAT
 from egosplat.query.scene import QueryScene, Viewpoint, rendering_camera
 from egosplat.query.text import Texts
 from egosplat.query.views import Asker, View, answer_from_codes, pixel_position
 from egosplat.rasterize.view import composite
 from tests.support.gaussian_scene import SETTINGS
+from tests.support.langsplat import LANGSPLAT
 from tests.support.splats import blobs
 
 SIZE = 48

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import AS_GIVEN, FITTED, shown_pixels
-from egosplat.drawing import empty_grid, label_log_axis, middles_of_parts, plt, show, split_page
-from egosplat.gaussians.evaluation import Scores
+from egosplat.drawing import empty_grid, label_log_axis, plt, show, split_page
+from egosplat.gaussians.evaluation import describe
 from egosplat.geometry import ground_axes
+from egosplat.images import evenly_spaced
 from egosplat.report.sheets.sheet import sheet
 
 # Maximum number of held-out frames, height of an image and of the corrections [inches].
@@ -31,7 +32,7 @@ ARROW = 0.25
 @sheet("splats", fontsize=13)
 def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
     """Draw the training curves, and held-out frames with their renders."""
-    shown = middles_of_parts(splats.shape("held_out/frame")[0], PICTURES)
+    shown = evenly_spaced(splats.shape("held_out/frame")[0], PICTURES)
     columns = max(len(shown), 2)
     _, height, width, _ = frames.shape("rgb")
     cell = CELL * float(np.clip(width / height, 0.6, 1.8))
@@ -59,8 +60,7 @@ def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
 
 def _summary(frames: Artifact, splats: Artifact) -> str:
     def quality(given: str = "") -> str:
-        scores = Scores(*(splats.read(f"held_out/{name}{given}") for name in ("psnr", "ssim")))
-        return f"PSNR {scores.mean_psnr:.2f} dB, SSIM {scores.mean_ssim:.3f}"
+        return describe(*(splats.read(f"held_out/{name}{given}") for name in ("psnr", "ssim")))
 
     facts, count = splats.facts, splats.shape("held_out/frame")[0]
     held_out = f"{count} held out: {quality()}" if count else "no frame held out"

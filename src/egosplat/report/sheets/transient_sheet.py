@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses, seconds_of
-from egosplat.drawing import add_name, draw_outline, empty_grid, middles_of_parts, plt, show, split_page
+from egosplat.drawing import add_name, draw_outline, empty_grid, plt, show, split_page
 from egosplat.gaussians.io import read_trained_scene
+from egosplat.images import evenly_spaced
 from egosplat.query.maps import innermost
 from egosplat.report.sheets.sheet import sheet, tint
 
@@ -84,7 +85,7 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
     # The outer quarters of a part are left out, so that no two frames are neighbors.
     middles = [part[len(part) // 4 : len(part) - len(part) // 4] for part in np.array_split(moving, MOVING)]
     most = [int(middle[np.argmax(masked[middle])]) for middle in middles if len(middle)]
-    return sorted(most + still[middles_of_parts(len(still), PICTURES - len(most))].tolist())
+    return sorted(most + still[evenly_spaced(len(still), PICTURES - len(most))].tolist())
 
 
 def _draw_mask(
