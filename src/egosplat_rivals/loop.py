@@ -14,7 +14,6 @@ from torch import Tensor, nn
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.language.decoder import Decoder, apply_layers, split_layers
-from egosplat.language.method import Curve
 from egosplat.language.options import LanguageOptions
 from egosplat.language.views import CodeViews
 from egosplat.progress import log, track
@@ -104,7 +103,9 @@ def adam(groups: Iterable[tuple[Iterable[nn.Parameter], float]]) -> torch.optim.
     return torch.optim.Adam(parts, eps=1e-15, fused=fused)
 
 
-def train(trainee: Trainee, views: int, iterations: int, seed: int, checkpoint: Checkpoint) -> Curve:
+def train(
+    trainee: Trainee, views: int, iterations: int, seed: int, checkpoint: Checkpoint
+) -> list[tuple[int, float]]:
     """Train to the last iteration, from the checkpoint if there is one; each of the views is taken once before any is again.
 
     A killed training that goes on ends with the same parameters (on a GPU up to the order of sums). UserError if it diverges;
@@ -128,7 +129,7 @@ class _Training:
     """State of a training; its ``curve`` has the records."""
 
     def __init__(self, trainee: Trainee, views: int, seed: int) -> None:
-        self.curve = Curve()
+        self.curve: list[tuple[int, float]] = []
         self._trainee, self._views = trainee, views
         self._draw = torch.Generator().manual_seed(seed)
         self._order: list[int] = []
@@ -137,7 +138,7 @@ class _Training:
     @property
     def recorded(self) -> int:
         """The iteration of the last record; 0 without any."""
-        return self.curve.iteration[-1] if self.curve.iteration else 0
+        return self.curve[-1][0] if self.curve else 0
 
     def iterate(self, iteration: int) -> None:
         if not self._order:
@@ -155,8 +156,7 @@ class _Training:
         # Reading the sum waits for the GPU, so it is read at records only.
         loss = float(self._loss) / (iteration - self.recorded)
         self._loss.zero_()
-        self.curve.iteration.append(iteration)
-        self.curve.loss.append(loss)
+        self.curve.append((iteration, loss))
         parameters = self._trainee.parameters()
         return math.isfinite(loss) and all(bool(values.isfinite().all()) for values in parameters)
 
@@ -166,7 +166,7 @@ class _Training:
             "optimizers": [optimizer.state_dict() for optimizer in self._trainee.optimizers],
             "generator": self._draw.get_state(),
             "order": list(self._order),
-            "curve": [list(self.curve.iteration), list(self.curve.loss)],
+            "curve": list(self.curve),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -174,7 +174,7 @@ class _Training:
         for optimizer, saved in zip(self._trainee.optimizers, state["optimizers"], strict=True):
             optimizer.load_state_dict(saved)
         self._draw.set_state(state["generator"])
-        self._order, self.curve = state["order"], Curve(*state["curve"])
+        self._order, self.curve = state["order"], state["curve"]
 
 
 def fewer_iterations(done: int, published: int, of: str = "") -> tuple[str, ...]:

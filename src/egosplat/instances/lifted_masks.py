@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.render import RenderSettings, view_of
-from egosplat.geometry import Camera
+from egosplat.gaussians.render import view_of
 from egosplat.images import resize_labels
 from egosplat.instances.geometry import Geometry
 from egosplat.language.centers import look_at_centers
@@ -85,21 +83,17 @@ def masks_of(thing: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def lift_masks(
-    gaussians: Gaussians,
-    look: Callable[[int], tuple[Labels, NDArray[np.bool_]]],
-    frames: NDArray[np.int64],
-    camera_to_world: NDArray[np.float64],
-    camera: Camera,
-    settings: RenderSettings,
+    geometry: Geometry, look: Callable[[int], tuple[Labels, NDArray[np.bool_]]]
 ) -> LiftedMasks | None:
-    """Lift the masks of those of (F,) frames with (F, 4, 4) poses that have any; None if none has. ``look`` gives the
-    (L, H, W) int32 labels of a frame at the size of ``camera``, -1 for none, and which pixels count."""
+    """Lift the masks of the training views that have any; None if none has. ``look`` gives the (L, H, W)
+    int32 labels of a frame at the size of the views, -1 for none, and which pixels count."""
+    gaussians, views = geometry.gaussians, geometry.views
     instance, frame, row, votes, seen = [], [], [], [], []
-    for place, number in enumerate(track(frames.tolist(), "lifting masks")):
+    for place, number in enumerate(track(views.frame.tolist(), "lifting masks")):
         labels, counted = look(number)
         if not (labels >= 0).any():
             continue
-        view = camera, camera_to_world[place], settings
+        view = views.camera, views.camera_to_world[place], geometry.settings
         centers = look_at_centers(gaussians, *view)
         x, y = centers.pixel.T
         shown = counted[y, x] & (centers.weight > _HIDDEN)
@@ -135,12 +129,10 @@ def lift(
     """Lift the masks of segments.zarr in all training views; None if no view has a mask. ``shown`` gives the
     (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for
     none, and (h, w) bool, which pixels are not counted as seen."""
-    views = geometry.views
-    size = views.camera.width, views.camera.height
+    size = geometry.views.camera.width, geometry.views.camera.height
 
     def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
         labels, unseen = select(resize_labels(segments.row("labels", frame), *size))
         return labels, resize_labels(shown(frame), *size) & ~unseen
 
-    where = views.frame, views.camera_to_world, views.camera
-    return lift_masks(geometry.gaussians, look, *where, geometry.settings)
+    return lift_masks(geometry, look)

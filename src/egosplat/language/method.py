@@ -1,7 +1,7 @@
 """What a way to give Gaussians codes consists of, and what it gives; docs/methods.md says how to add one."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor
@@ -15,14 +15,6 @@ from egosplat.language.targets import CodeTargets
 SEGMENTERS = {"sam2": "SAM2", "classical": "a classical segmenter"}
 
 
-@dataclass(frozen=True)
-class Curve:
-    """Last iteration and mean loss of each record."""
-
-    iteration: list[int] = field(default_factory=list)
-    loss: list[float] = field(default_factory=list)
-
-
 @dataclass(frozen=True, eq=False)
 class Coded:
     """Codes of N Gaussians at L levels, with C channels.
@@ -32,7 +24,7 @@ class Coded:
         share: (N, L) float32 in [0, 1], how much of its compositing weight a Gaussian has in queries; 0 without a code.
         levels: name of each level.
         decoder: from codes to features, where the method learns its own; else that of features.zarr.
-        curve: empty if nothing is trained.
+        curve: last iteration and mean loss of each record of training; empty if nothing is trained.
         stands_in: short sentences, each on a part of the published method that something else replaces.
         maps_only: no Gaussian has a code of its own: queries read rendered codes, whatever ``query.readout`` is.
     """
@@ -41,7 +33,7 @@ class Coded:
     share: Tensor
     levels: list[str]
     decoder: Decoder | None = None
-    curve: Curve = field(default_factory=Curve)
+    curve: Sequence[tuple[int, float]] = ()
     stands_in: tuple[str, ...] = ()
     maps_only: bool = False
 

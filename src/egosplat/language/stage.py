@@ -83,8 +83,8 @@ def _write(output: Path, record: Provenance, coded: Coded, facts: dict[str, Any]
     with create(output, LANGUAGE, record) as artifact:
         artifact.put("code", code.cpu().numpy())
         artifact.put("share", coded.share.cpu().numpy())
-        artifact.put("curve/iteration", np.array(coded.curve.iteration, np.int64))
-        artifact.put("curve/loss", np.array(coded.curve.loss, np.float64))
+        artifact.put("curve/iteration", np.array([iteration for iteration, _ in coded.curve], np.int64))
+        artifact.put("curve/loss", np.array([loss for _, loss in coded.curve], np.float64))
         if coded.decoder is not None:
             artifact.put("decoder/values", coded.decoder.values)
             facts["decoder"] = decoder_metadata(coded.decoder)

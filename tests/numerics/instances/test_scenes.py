@@ -1,5 +1,7 @@
 """Whole scenes at the extremes: of any size, with Gaussians that are not finite, and with cameras that see nothing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -98,10 +100,11 @@ def test_gaussians_that_are_not_finite(measured, name, value):
     getattr(some, name)[::2] = value
     labels[:, :, SIZE // 2 :] = 1
     settings = RenderSettings(options().near_plane, "black", "cpu")
-    place = np.zeros(1, np.int64), np.eye(4)[None], CAMERA, settings
-    fewer = some.select(torch.arange(400) % 2 == 1)
+    views = SimpleNamespace(frame=np.zeros(1, np.int64), camera_to_world=np.eye(4)[None], camera=CAMERA)
+    fewer, look = some.select(torch.arange(400) % 2 == 1), lambda _: (labels, np.ones((SIZE, SIZE), bool))
     found, expected = (
-        lift_masks(each, lambda _: (labels, np.ones((SIZE, SIZE), bool)), *place) for each in (some, fewer)
+        lift_masks(SimpleNamespace(gaussians=each, views=views, settings=settings), look)
+        for each in (some, fewer)
     )
     assert not found.seen[:, ::2].nnz and not found.votes[::2].nnz
     measured(np.abs((found.seen[:, 1::2] - expected.seen).toarray()).max())

@@ -1,5 +1,7 @@
 """A Gaussian belongs with all its weight to the mask at the pixel of its center; things are drawn where their Gaussians are."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import torch
@@ -22,11 +24,17 @@ LEFT, RIGHT, WHOLE = 3, 5, 9
 WALL = blobs([[-0.03, 0, 2], [0.6, 0, 2], [0.9, 0, 4], [9, 0, 2]], [0.9, 0.999, 0.5, 0.9], size=0.2)
 
 
+def geometry_of(gaussians: Gaussians, frame: int) -> SimpleNamespace:
+    """Gaussians and one view of them."""
+    views = SimpleNamespace(frame=np.array([frame]), camera_to_world=np.eye(4)[None], camera=CAMERA)
+    return SimpleNamespace(gaussians=gaussians, views=views, settings=SETTINGS)
+
+
 def lifted(counted: np.ndarray | None = None) -> LiftedMasks:
     labels = np.full((2, 24, 32), WHOLE, np.int32)
     labels[0, :, :16], labels[0, :, 16:] = LEFT, RIGHT
     counts = np.ones((24, 32), bool) if counted is None else counted
-    return lift_masks(WALL, lambda _: (labels, counts), np.array([7]), np.eye(4)[None], CAMERA, SETTINGS)
+    return lift_masks(geometry_of(WALL, 7), lambda _: (labels, counts))
 
 
 def weights() -> np.ndarray:
@@ -49,7 +57,7 @@ def test_what_a_surface_hides_at_its_center_is_not_seen():
     hidden = blobs([[0, 0, 4], [0, 0, 2], [0, 0, 2.1]], [0.9, 0.9999, 0.9999], size=0.3)
     labels = np.full((1, 24, 32), LEFT, np.int32)
     look = lambda _: (labels, np.ones((24, 32), bool))
-    found = lift_masks(hidden, look, np.array([0]), np.eye(4)[None], CAMERA, SETTINGS)
+    found = lift_masks(geometry_of(hidden, 0), look)
     image, _ = composite(view_of(hidden, CAMERA, np.eye(4), SETTINGS), torch.eye(3))
     assert float(image[..., 0].sum()) > 0.05
     assert found.seen[0, 0] == 0 and found.seen[0, 1] > 1

@@ -81,9 +81,9 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     """A thing that hides another place of the wall in each frame but the last is one track."""
     looked = {}
 
-    def watched(gaussians, look, frames, *others):
+    def watched(geometry, look):
         looked.clear()  # the tracks are lifted before, by themselves
-        lifted = lift_masks(gaussians, look, frames, *others)
+        lifted = lift_masks(geometry, look)
         looked.update({frame: look(frame) for frame in lifted.row.tolist()})
         return lifted
 

@@ -47,7 +47,8 @@ def test_normalized_codes_leave_their_first_direction(wall, views, codes, checkp
 def test_the_loss_falls_and_a_run_resumes_to_the_same_codes(views, codes, checkpoint):
     whole, begun, rest = codes(), codes(), codes()
     curve = train(whole, len(views), 60, 0, checkpoint)
-    assert curve.iteration == [10, 20, 30, 40, 50, 60] and curve.loss[-1] < 0.2 * curve.loss[0]
+    iterations, losses = zip(*curve, strict=True)
+    assert iterations == (10, 20, 30, 40, 50, 60) and losses[-1] < 0.2 * losses[0]
     saved = Checkpoint(checkpoint.file.parent.parent / "language.zarr", "key", 0.0)
     train(begun, len(views), 30, 0, saved)
     assert train(rest, len(views), 60, 0, saved) == curve and torch.equal(whole.code, rest.code)
