@@ -28,7 +28,8 @@ from egosplat.query.catalog import catalog
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import FOUND
 from egosplat.query.text import name_parts
-from egosplat.report.sheets.queries_sheet import evaluation_of, open_scored
+from egosplat.report.sheets.queries_sheet import evaluation_of
+from egosplat_rivals.methods_sheet import open_scored
 from training.small_models.concepts import KINDS, WHOLES
 from training.small_models.glossary import GLOSSARY
 

@@ -7,14 +7,17 @@ from statistics import fmean
 from matplotlib.axes import Axes
 from matplotlib.figure import SubFigure
 
+from egosplat.artifacts.lineage import open_histories
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
-from egosplat.evaluation.options import recorded_options
+from egosplat.evaluation.options import MetricsOptions, recorded_options
+from egosplat.query.finished_scene import Scene, open_artifacts, scene_of
 from egosplat.report.sheets.queries_sheet import (
     ScoredQuery,
     ShownQuery,
     ask_again,
     best_and_worst,
-    open_scored,
     scored_queries,
 )
 from egosplat_rivals.scored_scenes import OWN, read_scored_scene
@@ -60,6 +63,16 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     legend = "white: annotated instances; colors: relevancy from 0 (blue) to 1 (red); marker: the most relevant pixel"
     draw_heading(figure, f"{title}\n{legend}", [])
     save_figure(figure, output)
+
+
+def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False) -> Scene:
+    """Open a finished scene or variant with its annotations; ``in_time`` to ask frames at their own time, if they can be.
+    UserError: as ``open_artifacts``, or the artifacts do not belong together."""
+    frames, poses, splats, *others = open_artifacts(folder)
+    annotations = open_artifact(frames.path.with_name("annotations.zarr"), ANNOTATIONS)
+    histories = open_histories(folder, splats) if in_time else None
+    more = [annotations] if histories is None else [annotations, histories]
+    return scene_of([frames, poses, splats, *others, *more], options)
 
 
 def over_methods(methods: Sequence[dict[Asked, ScoredQuery]]) -> list[ScoredQuery]:

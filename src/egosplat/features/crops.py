@@ -107,6 +107,13 @@ def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.where(good[:, None], unit(np.where(good[:, None], features, 0.0)), np.nan).astype(np.float32)
 
 
+def encode_crops(clip: OpenClip, crops: Sequence[Pixels]) -> NDArray[np.float32]:
+    """(B, D) features as of ``encode`` of (h, w, 3) uint8 crops of any shape, padded to squares; there may be none."""
+    wanted = clip.preprocessing
+    squares = [resize(pad_square(crop), wanted.image_size, wanted.interpolation) for crop in crops]
+    return encode(clip, np.stack(squares)) if squares else np.zeros((0, channels(clip)), np.float32)
+
+
 def channels(clip: OpenClip) -> int:
     """Return D, the number of channels of the model's features."""
     # Encoding a black image works for every architecture of the image tower.

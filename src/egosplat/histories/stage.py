@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
-from egosplat.artifacts.reader import Artifact, open_artifact
+from egosplat.artifacts.lineage import open_inputs
+from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import (
     FRAMES,
     HISTORIES,
@@ -40,6 +41,9 @@ from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_clip_of
 from egosplat.progress import log
 
+# What is always given.
+_INPUTS = (FRAMES, POSES, INSTANCES, VIEW_FEATURES, SPLATS)
+
 # Ends whose views are held at a time: those of all ends of an hour do not fit into memory.
 _ENDS_AT_ONCE = 32
 
@@ -50,33 +54,21 @@ _ALIKE = 0.9
 Columns = dict[str, Any]
 
 
-def run(
-    frames_path: Path,
-    poses_path: Path,
-    instances_path: Path,
-    view_features_path: Path,
-    splats_path: Path,
-    output: Path,
-    options: HistoriesOptions,
-    *,
-    masks_path: Path | None = None,
-) -> None:
+def run(*, output: Path, options: HistoriesOptions, **paths: Path | None) -> None:
     """Write the carries and rests of a recording; none where nothing is tracked. Gaussians that were trained with masks need
     them.
 
     UserError: the inputs do not belong together, the model did not make the features, or the backend cannot run.
     """
-    paths = (frames_path, poses_path, instances_path, view_features_path, splats_path)
-    kinds = (FRAMES, POSES, INSTANCES, VIEW_FEATURES, SPLATS)
-    frames, poses, instances, views, splats = inputs = [*map(open_artifact, paths, kinds)]
-    masks = None if masks_path is None else open_artifact(masks_path, MASKS)
-    inputs += [] if masks is None else [masks]
+    given = open_inputs(paths)
+    frames, poses, instances, views, splats = (given[one.name] for one in _INPUTS)
+    masks = given.get(MASKS.name)
     check_made_from(poses, frames, axes=("frame",))
     check_made_from(instances, frames, axes=("frame", "height", "width"))
     check_made_from(views, frames, instances)
-    check_made_from(splats, frames, poses, *inputs[len(paths) :])
+    check_made_from(splats, frames, poses, *([] if masks is None else [masks]))
     hashes = {CLIP.checkpoint_key: model_hash(CLIP, options.as_dict())}
-    record = provenance.begin_from("histories", options.as_dict(), inputs, hashes)
+    record = provenance.begin_from("histories", options.as_dict(), given.values(), hashes)
     scene = read_trained_scene(splats, options.backend)
     trained = scene.gaussians, scene.settings, scene.camera, scene.sh_degree
     told = frames, instances, masks, options.seed, camera_poses(poses, splats), *read_exposure(splats)

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from egosplat.features.aggregation import aggregate
-from egosplat.features.crops import channels, encode, fill_hull, pad_square, resize
+from egosplat.features.crops import encode_crops, fill_hull, pad_square
 from egosplat.geometry import Array
 from egosplat.histories.fitting import improved
 from egosplat.histories.rests import Rest
@@ -98,15 +98,14 @@ def look_at(rest: Rest, clip: OpenClip, turned: bool) -> tuple[int, tuple[int, i
     views = [rest.views[index] for index in evenly_spaced(len(rest.views), _VIEWS)]
     masks = [improved(view, rest.gaussians) for view in views]
     areas = [int(mask.sum()) for mask in masks]
-    wanted, crops = clip.preprocessing, []
+    crops = []
     for view, mask, area in zip(views, masks, areas, strict=True):
         if area >= _LEAST_PIXELS:
             left, top, width, height = cv2.boundingRect(mask.astype(np.uint8))
             cut = np.s_[top : top + height, left : left + width]
             square = pad_square(view.picture[cut] * fill_hull(mask[cut])[..., None])
-            square = np.rot90(square, -1) if turned else square
-            crops.append(resize(square, wanted.image_size, wanted.interpolation))
-    features = encode(clip, np.stack(crops)) if crops else np.zeros((0, channels(clip)), np.float32)
+            crops.append(np.rot90(square, -1) if turned else square)
+    features = encode_crops(clip, crops)
     mean = unit(features[usable(features)].astype(np.float64).sum(axis=0))
     best = int(np.argmax(areas))
     view, mask = views[best], masks[best]

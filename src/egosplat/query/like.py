@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from egosplat.errors import UserError
-from egosplat.features.crops import encode, pad_square, resize
+from egosplat.features.crops import encode_crops
 from egosplat.files import atomic_file, read_json, write_text
 from egosplat.frames.images import read_rgb
 from egosplat.geometry import Array
@@ -173,9 +173,7 @@ def see(clip: OpenClip, picture: Pixels) -> Array:
 
 
 def _encode(clip: OpenClip, crops: Sequence[Pixels]) -> Array:
-    wanted = clip.preprocessing
-    squares = [resize(pad_square(crop), wanted.image_size, wanted.interpolation) for crop in crops]
-    return np.nan_to_num(encode(clip, np.stack(squares))).astype(np.float64)
+    return np.nan_to_num(encode_crops(clip, crops)).astype(np.float64)
 
 
 def give_name(scene: Scene, thing: str | int, name: str) -> Alike:

@@ -16,11 +16,11 @@ from egosplat.report.sheets.queries_sheet import (
     ScoredQuery,
     ask_again,
     best_and_worst,
-    open_scored,
     run,
     scored_queries,
     summary,
 )
+from egosplat_rivals.methods_sheet import open_scored
 from tests.support.scenes import put
 from tests.unit.evaluation.conftest import ARTIFACTS, score
 

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from egosplat.alarms.artifact_alarms import warning_lines
 from egosplat.alarms.table import Alarm
 from egosplat.artifacts.consistency import check_inputs
-from egosplat.artifacts.lineage import open_histories, open_inputs
-from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import ANNOTATIONS
+from egosplat.artifacts.lineage import open_inputs
 from egosplat.drawing import (
     HIT,
     MISS,
@@ -31,12 +29,12 @@ from egosplat.drawing import (
 )
 from egosplat.evaluation.document import describe_models
 from egosplat.evaluation.evaluation_frames import SCORED, Evaluation, read_evaluation
-from egosplat.evaluation.options import MetricsOptions, recorded_options
+from egosplat.evaluation.options import recorded_options
 from egosplat.evaluation.queries import mask_of, phrases_to_ask, read_layers
 from egosplat.evaluation.scores import CHANCE, ask_of, bounding_boxes
 from egosplat.pipeline.validation import read_document
 from egosplat.query.answers import ViewMatch
-from egosplat.query.finished_scene import Scene, open_artifacts, scene_of
+from egosplat.query.finished_scene import Scene, scene_of
 
 # Maximum number of best queries, and of worst ones.
 ROWS = 4
@@ -131,16 +129,6 @@ def _first_of_each(queries: Iterable[ScoredQuery]) -> list[ScoredQuery]:
     for query in queries:
         first.setdefault(query.category, query)
     return [*first.values()]
-
-
-def open_scored(folder: Path, options: MetricsOptions, *, in_time: bool = False) -> Scene:
-    """Open a finished scene or variant with its annotations; ``in_time`` to ask frames at their own time, if they can be.
-    UserError: as ``open_artifacts``, or the artifacts do not belong together."""
-    frames, poses, splats, *others = open_artifacts(folder)
-    annotations = open_artifact(frames.path.with_name("annotations.zarr"), ANNOTATIONS)
-    histories = open_histories(folder, splats) if in_time else None
-    more = [annotations] if histories is None else [annotations, histories]
-    return scene_of([frames, poses, splats, *others, *more], options)
 
 
 def evaluation_of(scene: Scene, held_out: str = "corrected") -> Evaluation:
