@@ -101,13 +101,13 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
         log(f"{path.name}: frames keep their {longest} px, less than resolution: {options.resolution}")
     size, valid = shrunk_size(full.width, full.height, options.resolution), _read_valid(path, every)
     frames, labeled = _choose_frames(every, path, options, find_labeled)
-    pictures, evidence = Pictures(every.keep(frames), valid, every.pinhole, size), None
+    pictures = Pictures(every.keep(frames), valid, every.pinhole, size)
     span_s = float(np.ptp(pictures.source.timestamp_ns)) * 1e-9
     if kind is None and span_s > 0 and (rate := (len(frames) - 1) / span_s) >= 2 * ENOUGH_PER_S:
         stride = f"frames.stride={options.stride * int(rate / ENOUGH_PER_S)}"
         log(f"{path.name}: {len(frames)} frames, {rate:.0f} a second; {stride} makes COLMAP faster")
     if not every.lenses:
-        pictures, evidence = _estimate_lens(pictures, full, options.lens)
+        pictures = _estimate_lens(pictures, full, options.lens)
     source, pinhole = pictures.source, pictures.pinhole
     shown, left_out = _shared_mask(pictures)
     return Recording(
@@ -126,7 +126,6 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
             "pinhole": asdict(pinhole) if pinhole else None,
             "lenses": [asdict(lens) for lens in source.lenses],
             "lens_of_frame": [picture.lens for picture in source.pictures],
-            "lens_evidence": evidence,
         },
     )
 
@@ -214,15 +213,15 @@ def _choose_frames(
     return frames, labeled
 
 
-def _estimate_lens(pictures: Pictures, full: Camera, wanted: str) -> tuple[Pictures, dict | None]:
-    """The pictures with the lens that frames of unknown cameras ask for, if any, and the evidence."""
+def _estimate_lens(pictures: Pictures, full: Camera, wanted: str) -> Pictures:
+    """The pictures with the lens that frames of unknown cameras ask for, if any."""
     valid, count = resize_mask(pictures.valid, *pictures.size), len(pictures.source.pictures)
     camera, shown = full.scaled_to(*pictures.size), pictures.shown if pictures.any_masked else None
-    lens, evidence = lens_of_frames(wanted, lambda at: pictures.read(at, valid), count, valid, camera, shown)
+    lens = lens_of_frames(wanted, lambda at: pictures.read(at, valid), count, valid, camera, shown)
     if lens is None:
-        return pictures, evidence
+        return pictures
     source = replace(pictures.source, lenses=[lens.scaled_to(full.width, full.height)])
-    return replace(pictures, source=source, pinhole=source.pinhole), evidence
+    return replace(pictures, source=source, pinhole=source.pinhole)
 
 
 def _shared_mask(pictures: Pictures) -> tuple[Mask, Callable[[int], Mask] | None]:

@@ -49,15 +49,15 @@ def lens_of_frames(
     valid: NDArray[np.bool_],
     camera: Camera,
     shown: ShownIn | None = None,
-) -> tuple[Lens | None, Evidence | None]:
-    """The lens that frames are rectified from, and the evidence, by ``frames.lens``.
+) -> Lens | None:
+    """The lens that frames are rectified from, by ``frames.lens``; None if they are not.
 
     ``auto`` is a lens if the frames ask for it, ``radial`` one always (or a UserError), ``pinhole`` none. ``read`` yields the (H, W, 3)
     uint8 frames of increasing indices, of ``count``; ``valid`` and ``shown(index)`` are the (H, W) bool pixels that show the scene in
     all and in each; ``camera`` is a guess.
     """
     if wanted == "pinhole":
-        return None, None
+        return None
     log("lens: looking for distortion in the frames (frames.lens=pinhole skips this)")
     try:
         lens, evidence = _estimate(read, count, valid, camera, shown)
@@ -69,14 +69,14 @@ def lens_of_frames(
         if wanted == "radial":
             raise UserError(f"frames.lens = radial: the lens cannot be estimated: {reason}") from error
         log(f"lens: taken as a pinhole camera, because it cannot be estimated: {reason}")
-        return None, None
+        return None
     verdict = "radial distortion" if evidence["distorted"] else "no distortion to rectify"
     log(
         "lens: {verdict}: reprojection error {pinhole_px:.3f} px without it, {radial_px:.3f} px with it (probability by "
         "chance {chance:.1g}); it moves features by up to {bend_px:.2f} px, which are precise to {median_px:.2f} px and "
         "reach {reach:.0%} of the way to the corners".format(verdict=verdict, **evidence)
     )
-    return (lens if rectified else None), evidence
+    return lens if rectified else None
 
 
 def _estimate(
