@@ -53,9 +53,7 @@ rule tables:
         metrics=lambda _: compared.table_scores(scenes.values()),
         pictures=lambda _: compared.table_pictures(scenes.values()),
     output:
-        expand(
-            "results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md", "tex")
-        ),
+        expand("results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md")),
         page=report(
             "results/benchmark/tables.html",
             caption="../report/tables.rst",

@@ -1,4 +1,4 @@
-"""Write a table as CSV, GitHub Markdown, LaTeX or HTML, from one frame of texts and one of styles."""
+"""Write a table as CSV, GitHub Markdown or HTML, from one frame of texts and one of styles."""
 
 import re
 from collections.abc import Iterator
@@ -11,21 +11,14 @@ from egosplat_rivals.scored_scenes import Cell
 from egosplat_rivals.tables.table import SYNTHETIC, Layout, Row, blocks, number, ranks
 
 COMMAND = "egosplat tables"
-# First line of each file, a comment.
-MARKDOWN_MARK, LATEX_MARK = f"<!-- {COMMAND} -->", f"% {COMMAND}"
+# First line of a Markdown file, a comment.
+MARKDOWN_MARK = f"<!-- {COMMAND} -->"
 
-# A table with more columns shows no intervals in Markdown, and fills both columns of a page in LaTeX.
+# A table with more columns shows no intervals in Markdown.
 MANY = 8
 
 _MARKDOWN = str.maketrans(
     {"&": "&amp;", "<": "&lt;", ">": "&gt;"} | {one: f"\\{one}" for one in r"\`*_{}[]|~$#"}
-)
-_COMMANDS = {"\\": "textbackslash", "~": "textasciitilde", "^": "textasciicircum", "<": "textless"}
-_COMMANDS |= {">": "textgreater", "|": "textbar", '"': "textquotedbl"}
-_LATEX = str.maketrans(
-    {one: f"\\{name}{{}}" for one, name in _COMMANDS.items()}
-    | {one: f"\\{one}" for one in "{}$&#_%"}
-    | {"✓": r"\checkmark"}
 )
 
 # By rank: none, the best number, the second best one.
@@ -38,11 +31,6 @@ _TITLE, _SYNTHETIC = "font-style: italic", "background-color: #fdf3dc"
 def markdown(text: str) -> str:
     """Escape the special characters of Markdown, also inside a table."""
     return text.translate(_MARKDOWN)
-
-
-def latex(text: str) -> str:
-    """Escape the special characters of LaTeX."""
-    return text.translate(_LATEX)
 
 
 def to_markdown(table: Layout) -> str:
@@ -61,38 +49,17 @@ def to_markdown(table: Layout) -> str:
     return f"{MARKDOWN_MARK}\n\n### {markdown(table.caption)}\n\n{body}\n\n{notes}".strip() + "\n"
 
 
-def to_latex(table: Layout) -> str:
-    """Write a float with caption, notes and label ``tab:NAME``. The best number is red, the second best teal."""
-    style = _styler(table, "").format(latex).format_index(latex, axis=1)
-    after = len(table.columns) + 2 * table.has_costs
-    columns = "c" * len(table.components) + r"p{.3\linewidth}" + "c" * after
-    text = style.to_latex(hrules=True, convert_css=True, column_format=columns, multicol_align="c")
-    lines = text.splitlines()
-    first = lines.index(r"\midrule") + 1
-    for title in reversed(_titles(table)[1:]):
-        lines.insert(first + title, r"\midrule")
-    environment = "table" if len(table.columns) <= MANY else "table*"
-    notes = (rf"\par\smallskip\raggedright {latex(str(note))}" for note in table.notes)
-    parts = (
-        LATEX_MARK,
-        r"% needs \usepackage{amssymb,booktabs,graphicx,xcolor} and \usepackage[T1]{fontenc}",
-        rf"\begin{{{environment}}}[htbp]",
-        r"\centering\footnotesize\setlength{\tabcolsep}{3pt}",
-        rf"\caption{{{latex(table.caption)}}}",
-        r"\resizebox{\linewidth}{!}{%",
-        *lines,
-        "}",
-        *notes,
-        rf"\label{{tab:{table.name}}}",
-        rf"\end{{{environment}}}",
-    )
-    return "\n".join(parts) + "\n"
-
-
 def to_html(table: Layout) -> str:
     """Write a table element; below a measured number is its interval. Synthetic rows are yellow, the best numbers red and teal."""
-    label = len(table.components)
-    style = _styler(table, "\n{}–{}").format(escape="html").format_index(escape="html", axis=1)
+    label, texts = len(table.components), _texts(table, "\n{}–{}")
+    if not any(over for over, _ in texts.columns):
+        texts.columns = texts.columns.droplevel(0)
+    styles = pd.DataFrame("", texts.index, texts.columns)
+    styles.iloc[_titles(table), label] = _TITLE
+    for (line, column), rank in _ranked(table):
+        styles.iloc[line, column] = _STYLE_RANKS[rank]
+    style = Styler(texts, uuid=table.name, cell_ids=True).apply(lambda _: styles, axis=None)
+    style.hide(axis="index").format(escape="html").format_index(escape="html", axis=1)
     synthetic = [row is not None and row.kind == SYNTHETIC for row, _ in _lines(table)]
     style.apply(lambda column: [_SYNTHETIC if one else "" for one in synthetic])
     left = {"selector": f".col{label}:not(.col_heading)", "props": _LABEL}
@@ -196,15 +163,3 @@ def _text_line(table: Layout, row: Row, interval: str) -> list[str]:
     ]
     costs = [number(one) for one in row.cost or (None, None)] if table.has_costs else []
     return [*steps, table.label(row), *cells, *costs]
-
-
-def _styler(table: Layout, interval: str) -> Styler:
-    """The texts with titles in italics, and the best numbers of each block marked."""
-    texts = _texts(table, interval)
-    if not any(over for over, _ in texts.columns):
-        texts.columns = texts.columns.droplevel(0)
-    styles = pd.DataFrame("", texts.index, texts.columns)
-    styles.iloc[_titles(table), len(table.components)] = _TITLE
-    for (line, column), rank in _ranked(table):
-        styles.iloc[line, column] = _STYLE_RANKS[rank]
-    return Styler(texts, uuid=table.name, cell_ids=True).apply(lambda _: styles, axis=None).hide(axis="index")

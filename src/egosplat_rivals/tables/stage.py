@@ -10,17 +10,17 @@ from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.report.html_page import render_page
 from egosplat_rivals.scored_scenes import ScoredScene, Series, check_protocol, find_series, read_scored_scene
-from egosplat_rivals.tables.formats import COMMAND, to_csv, to_html, to_latex, to_markdown
+from egosplat_rivals.tables.formats import COMMAND, to_csv, to_html, to_markdown
 from egosplat_rivals.tables.page import TEMPLATE, Picture, Section, plain_table
 from egosplat_rivals.tables.paper_numbers import in_a_table
 from egosplat_rivals.tables.paper_tables import paper_tables
 from egosplat_rivals.tables.table import Layout
 
-_FORMATS = {"csv": to_csv, "md": to_markdown, "tex": to_latex}
+_FORMATS = {"csv": to_csv, "md": to_markdown}
 
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
-    """Write each of ``egosplat_rivals.tables.paper_numbers.LAYOUTS`` as CSV, Markdown and LaTeX, and all on one HTML page.
+    """Write each of ``egosplat_rivals.tables.paper_numbers.LAYOUTS`` as CSV and Markdown, and all on one HTML page.
 
     ``metrics`` are ``metrics.json`` of variants and of other methods; those of no table are logged and left out. ``pictures``
     are PNG or JPEG files for the end of the page. Files are written atomically; equal inputs give equal bytes.

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from egosplat_rivals.scored_scenes import Cell
-from egosplat_rivals.tables.formats import latex, markdown, to_csv, to_html, to_latex, to_markdown
+from egosplat_rivals.tables.formats import markdown, to_csv, to_html, to_markdown
 from egosplat_rivals.tables.stage import write_page
 from egosplat_rivals.tables.table import Layout, Note, Row
 
@@ -78,24 +78,6 @@ def test_markdown_shows_ranks_notes_and_intervals(table):
 def test_markdown_escapes(special):
     escaped = markdown(f"a{special}b")
     assert escaped in (f"a\\{special}b", {"<": "a&lt;b", ">": "a&gt;b", "&": "a&amp;b"}.get(special))
-
-
-def test_latex_shows_ranks_and_notes(table):
-    text = to_latex(table)
-    best, second = r"\bfseries \color[HTML]{C00000}", r"\bfseries \color[HTML]{007070}"
-    assert rf"\checkmark &  & LERF & {best} 67.5 [a] & {second} 0.0 \\" in text
-    assert "12.3 (of 1)" in text and r"\itshape Synthetic: not ADT" in text
-    assert r"Odd \& strange\_one." in text and r"\label{tab:ablation}" in text
-    assert r"\input" not in text and "<script" not in text
-    assert text.count("{") - text.count(r"\{") == text.count("}") - text.count(r"\}")
-    rows = [line for line in text.splitlines() if line.endswith(r"\\") and "multicolumn" not in line]
-    assert {len(re.findall(r"(?<!\\)&", line)) for line in rows} == {4}
-    assert text.count(r"\midrule") == 2, "below the head, and above the second block"
-
-
-@pytest.mark.parametrize("special", '{}$&#_%\\~^<>|"')
-def test_latex_escapes_with_a_backslash_or_a_name(special):
-    assert re.fullmatch(rf"a\\({re.escape(special)}|text[a-z]+\{{\}})b", latex(f"a{special}b"))
 
 
 def test_csv_holds_every_number_of_a_cell(table):
