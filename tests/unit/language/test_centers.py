@@ -1,4 +1,4 @@
-"""Weights at projected centers, against the definition in float64 and by hand."""
+"""Weights and median depths at projected centers, against the definition in float64 and by hand."""
 
 from dataclasses import replace
 
@@ -10,6 +10,7 @@ from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera
 from egosplat.language.centers import look_at_centers
 from egosplat.rasterize.view import View, own_weights, pixel_lists
+from egosplat_rivals.surface import median_depths
 from tests.support.gaussian_scene import SETTINGS
 from tests.support.splats import blobs, crowd
 
@@ -39,22 +40,29 @@ def test_kernels_list_what_the_reference_shows_in_float64():
     lists = [pixel_lists(view, pixels) for view in views]
     assert int((dense(*lists[1]) > 0).sum()) > 300
     torch.testing.assert_close(dense(*lists[0]), dense(*lists[1]), rtol=1e-4, atol=1e-5)
+    medians = [median_depths(*each, CROWD.means[:, 2].double()) for each in lists]
+    assert 5 < int(medians[0].isnan().sum()) < len(pixels) - 5
+    torch.testing.assert_close(*medians, equal_nan=True)
 
 
 @pytest.mark.parametrize(
-    ("depths", "opacities", "weights"),
+    ("depths", "opacities", "weights", "median"),
     [
-        ([2.0, 3.0], [0.4, 0.9], [0.4, 0.6 * 0.9]),
+        # Opacity 0.4 leaves a transmittance of 0.6, and 0.9 behind it leaves 0.06: the second is the median.
+        ([2.0, 3.0], [0.4, 0.9], [0.4, 0.6 * 0.9], 3.0),
+        ([2.0], [0.4], [0.4], np.nan),
         # Two opacities of 0.995 end the pixel: their transmittance is below 1e-4.
-        ([2.0, 2.1, 2.2, 3.0], [0.995] * 3 + [0.9], [0.995, 0.005, 0.0, 0.0]),
+        ([2.0, 2.1, 2.2, 3.0], [0.995] * 3 + [0.9], [0.995, 0.005, 0.0, 0.0], 2.0),
     ],
 )
-def test_weights_of_blobs_in_a_row(depths, opacities, weights):
+def test_weights_and_median_depth_of_blobs_in_a_row(depths, opacities, weights, median):
     row = blobs([[0.0, 0.0, depth] for depth in depths], opacities)
     found = look_at_centers(row, CAMERA, np.eye(4), SETTINGS)
     assert found.pixel.tolist() == [[30, 20]] * len(depths)
     # The center lies at the corner of its pixel, half a pixel from the pixel's center.
     np.testing.assert_allclose(found.weight, weights, rtol=0.02, atol=0.01)
+    lists = pixel_lists(view_of(row, CAMERA, np.eye(4), SETTINGS), torch.from_numpy(found.pixel[:1]))
+    np.testing.assert_allclose(median_depths(*lists, row.means[:, 2].double()), [median])
     assert not found.weight[3:].any()
 
 
