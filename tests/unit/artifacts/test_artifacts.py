@@ -192,7 +192,7 @@ def test_a_reader_of_one_frame_reads_its_chunk_and_the_index_alone(tmp_path):
     first = np.frombuffer(whole[-36:-4], "<u8")[0]
     for content in (b"", whole[:3], whole[:-1], whole[1:], bytes(first) + whole[first:]):
         shard.write_bytes(content)
-        with pytest.raises(ArtifactError, match="'rows', chunk 1 .*checksum"):
+        with pytest.raises(ArtifactError, match="'rows', chunk 1 cannot be read"):
             artifact.row("rows", 1)
     np.testing.assert_array_equal(artifact.row("rows", 0), rows[0])
 
