@@ -72,7 +72,7 @@ def test_anchors_that_sources_cite_exist():
 
 KEYS = {f"{section}.{key}" for section in section_options() for key in section_keys(section)}
 NAMED = re.compile(rf"(?<![\w./`-])`?((?:{'|'.join(section_options())})\.[a-z_0-9]+)\b(?![(/\[.])")
-SUFFIXES = (".zarr", ".json", ".png", ".webp", ".ply", ".html", ".tsv", ".h", ".md")
+SUFFIXES = (".zarr", ".json", ".png", ".webp", ".ply", ".html", ".tsv", ".txt", ".h", ".md")
 
 
 def _sentences(path: Path) -> list[str]:
