@@ -133,7 +133,7 @@ def check_cameras(viewmats: Tensor, Ks: Tensor) -> None:
         raise ValueError(f"Ks must have no skew: {intrinsics[:, 1].tolist()}")
 
 
-def _check_type(name: str, value: object, kind: type, optional: bool) -> None:
+def _check_type(name: str, value: object, kind: Any, optional: bool) -> None:
     type_, told = _TYPES[kind]
     if isinstance(value, bool) or not (isinstance(value, type_) or (optional and value is None)):
         raise ValueError(f"{name} is {value!r:.40}, not {told}")

@@ -62,8 +62,8 @@ def make_scene(
         scene = put_row(config, row)
         # Their step would tell what is missing only after those before it.
         download([file for file in find_needed([scene.config]) if file.missing])
-        if source := scene.config["splats"]["source"]:
-            source_files(source)
+        if splat := scene.config["splats"]["source"]:
+            source_files(splat)
         stride = scene.config["frames"]["stride"]
         taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
         log(
