@@ -63,7 +63,7 @@ _CONVERT = "nerfstudio's ns-process-data {1} --data {0} --output-dir NEW makes a
 _GIVE = "give a COLMAP model as {0}/colmap, or {0}/transforms.json"
 _MODELS = ("cameras.bin", "sparse/[1-9]*/cameras.*", "d*/sparse/cameras.*", "d*/*/*/cameras.*")
 _OTHERS = (
-    *("poses_bounds.npy", "groundtruth.txt", "poses.txt", "traj.txt", "pose/*", "*.pose.txt", "cams/*.txt"),
+    *("poses_bounds.npy", "groundtruth.txt", "poses*.txt", "traj.txt", "pose/*", "*.pose.txt", "cams/*.txt"),
     *("cameras.sfm", "sfm_data.json", "bundle.out", "cameras.xml", "cameras.json", "odometry.csv"),
 )
 OTHER_POSES = {
