@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,7 +103,7 @@ class Source:
         path = self.pictures[index].path
         opaque = read_rgb(path, turned=self.turned, alpha=True)[..., 3] == 255
         if not opaque.any():
-            remove = f"Remove its alpha channel: magick mogrify -alpha off {path.name}"
+            remove = f"Remove its alpha channel: magick mogrify -alpha off {quote(str(path))}"
             raise UserError(f"{path}: no pixel is opaque. {remove}")
         return opaque
 
@@ -142,7 +143,8 @@ def _other_formats(folders: Sequence[Path]) -> str:
     files = [path for each in folders for path in each.iterdir() if path.name[0] != "." and path.is_file()]
     counts = sorted(Counter(path.suffix for path in files if path.suffix.lower() in OTHER_PICTURES).items())
     listed = ", ".join(f"{count} {suffix}" for suffix, count in counts)
-    patterns = " ".join(f"*{suffix}" for suffix, _ in counts)
+    places = {(path.parent, path.suffix): None for path in files if path.suffix in dict(counts)}
+    patterns = " ".join(f"{quote(str(folder))}/*{suffix}" for folder, suffix in sorted(places))
     advice = f": only png and jpg are read. Convert them: magick mogrify -format png {patterns}"
     return listed and listed + advice
 

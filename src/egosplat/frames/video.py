@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from shlex import quote
 
 import cv2
 import numpy as np
@@ -47,17 +48,22 @@ def open_video(path: Path) -> Video:
     declared, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
     grabbed = _grabbed(capture, messages)
     milliseconds = list(track(grabbed, f"scanning {path.name}", total=declared if declared > 0 else None))
-    convert = f"Convert it: ffmpeg -i {path.name} -c:v libx264 -crf 18"
+
+    def convert(how: str, end: str) -> str:
+        written = path.with_name(f"{path.stem}_{end}.mp4")
+        return f"Convert it: ffmpeg -i {quote(str(path))} -c:v libx264 -crf 18 {how}{quote(str(written))}"
+
     if not milliseconds:
         code = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True)
         letters = code.decode("ascii", "replace")
         codec = f", codec {letters}" if letters.isprintable() else ""
         # ffmpeg also repairs what it can.
-        raise UserError(f"{path}: no frame decodes{codec}{_reason(messages)}. {convert} {path.stem}_h264.mp4")
+        raise UserError(f"{path}: no frame decodes{codec}{_reason(messages)}. {convert('', 'h264')}")
     num, den = capture.get(cv2.CAP_PROP_SAR_NUM), capture.get(cv2.CAP_PROP_SAR_DEN)
     if num != den and min(num, den) > 0:
-        square = f"-vf scale=iw*sar:ih,setsar=1 {path.stem}_square.mp4"
-        raise UserError(f"{path}: its pixels are {num:g}:{den:g}, not square. {convert} {square}")
+        # Of an even width, as the encoder needs it.
+        command = convert("-vf 'scale=trunc(iw*sar/2)*2:ih,setsar=1' ", "square")
+        raise UserError(f"{path}: its pixels are {num:g}:{den:g}, not square. {command}")
     counted = path.suffix.lower() in _COUNTED
     least = declared if counted else (1.0 - _SHARE_OFF) * declared - _SECONDS_OFF * max(rate, 0.0)
     if len(milliseconds) < least or messages:

@@ -54,7 +54,9 @@ def test_images_of_other_formats_are_counted(images, capsys, suffix):
         (images / f"more{number}{suffix}").touch()
     assert len(open_recording(images, OPTIONS).timestamp_ns) == 12
     told = capsys.readouterr().err
-    assert f"3 {suffix}: only png and jpg are read" in told and f"mogrify -format png *{suffix}" in told
+    assert (
+        f"3 {suffix}: only png and jpg are read" in told and f"mogrify -format png {images}/*{suffix}" in told
+    )
 
 
 @pytest.mark.parametrize(
