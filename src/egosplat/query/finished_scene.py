@@ -276,7 +276,7 @@ class Scene:
             if question.is_plain:
                 yield replace(next(answers), question=question)
             elif question.refusal or viewpoint is not None:
-                why = question.refusal or "where things stand is asked of the whole scene: leave out the view"
+                why = question.refusal or "relations need the whole scene: leave out the view"
                 yield Answer(question.phrase, grades.NOT_ASKED, 0.0, refusal=why, question=question)
             else:
                 for answer in self._stand(question, options):
@@ -356,7 +356,7 @@ class Scene:
         if frame is not None and pose is not None:
             raise UserError("frame and pose: give one of them")
         if second is not None and pose is None:
-            what = "is the time of a pose; a frame has its own, and Answer.at tells of the whole scene"
+            what = "is the time of a pose; a frame has its own, and Answer.at is for the whole scene"
             raise UserError(f"second: {what}")
         if pose is not None:
             return Viewpoint.read(pose, second)

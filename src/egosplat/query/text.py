@@ -162,7 +162,7 @@ def explain_untaught(clip: OpenClip, phrase: str) -> tuple[tuple[str, ...], str 
     """The words of ``untaught_words``, and that they have no answer, with those that may be meant; None without any."""
     untaught = tuple(untaught_words(clip, phrase))
     if not any(map(str.isalnum, "".join(untaught))):
-        return untaught, "The query holds no word." if untaught else None
+        return untaught, "The query has no word." if untaught else None
     words = [f'"{word}"' for word in dict.fromkeys(untaught)]
     why = f"The models here were never taught the word{'s' if words[1:] else ''} {', '.join(words)}."
     return untaught, " ".join(filter(None, (why, suggest(clip, phrase, untaught))))

@@ -301,14 +301,14 @@ function readName(facts, phrase) {
 
 // The answers of the page alone to a clean text. Each has the ``name`` that it was asked by, and either things or why there are none.
 async function answerAlone(scene, tower, neighbors, typed) {
-  if (!/[\p{L}\p{N}]/u.test(typed)) return [refused(typed, "The query holds no word.")];
+  if (!/[\p{L}\p{N}]/u.test(typed)) return [refused(typed, "The query has no word.")];
   if (typed.length > LONGEST) return [refused(typed, "too long: shorten it")];
   const answers = [];
   for (const question of readQuestions(scene.facts, typed)) {
     if (question.relation) {
       const asked = [question.name || "what", question.stand].join(" ");
-      answers.push(refused(asked, `not asked: where things stand is not in this file; it is told by ${command(scene, asked)}`));
-    } else if (!question.name) answers.push(...(scene.facts.catalog.length ? scene.facts.catalog : [refused("anything", "nothing that this file knows a word for is found")]));
+      answers.push(refused(asked, `not asked: this file has no relations. Ask by ${command(scene, asked)}`));
+    } else if (!question.name) answers.push(...(scene.facts.catalog.length ? scene.facts.catalog : [refused("anything", "this file knows no word for what is here")]));
     else answers.push(await answerName(scene, tower, neighbors, question.name));
   }
   return answers;
@@ -317,7 +317,7 @@ async function answerAlone(scene, tower, neighbors, typed) {
 async function answerName(scene, tower, neighbors, name) {
   const { words, answers } = scene.facts, phrase = name.normalize("NFKC"), known = words.indexOf(phrase.toLowerCase());
   if (known >= 0) return { ...answers[known], name, vector: scene.wordVectors[known] };
-  if (!tower) return refused(name, `not on this file's list of ${words.length} words; it is told by ${command(scene, name)}. ${suggest(scene.facts, phrase, [phrase.toLowerCase()])}`.trim());
+  if (!tower) return refused(name, `not on this file's list of ${words.length} words. Ask by ${command(scene, name)}. ${suggest(scene.facts, phrase, [phrase.toLowerCase()])}`.trim());
   const tokens = tower.tokenize(phrase), limit = tower.facts.context - 2;
   if (tokens.length > limit) return refused(name, `has ${tokens.length} tokens, the model reads ${limit}; shorten it`);
   const untaught = untaughtWords(scene.facts, phrase);
