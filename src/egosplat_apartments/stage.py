@@ -121,15 +121,13 @@ def render_frames(
     film = Film(world, renderer, seconds, effects)
 
     def frame(number: int) -> Frame:
-        moment, shot, exposure = float(seconds[number]), film.shoot(number), film.exposures[number]
+        moment, exposure = float(seconds[number]), film.exposures[number]
         moved = world.moved_things(moment)
         return Frame(
-            capture_ns=int(captures[number]),
-            exposure_s=exposure.open_s or _EXPOSURE_S,
-            gain=_GAIN * exposure.gain,
-            rgb=shot.rgb,
-            with_people=shot.with_people,
-            without_people=shot.without_people,
+            int(captures[number]),
+            exposure.open_s or _EXPOSURE_S,
+            _GAIN * exposure.gain,
+            *film.shoot(number),
             world_from_object=world.thing_poses(moment),
             skeletons={person.instance.instance_id: person.joints(moment, moved) for person in world.people},
         )

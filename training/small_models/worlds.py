@@ -61,9 +61,9 @@ def render_world(seed: int, settings: ClipSettings, folder: Path) -> None:
     for seconds in moments:
         pose = camera_pose(world, seconds) @ CLOCKWISE
         gain = float(rng.uniform(0.85, 1.2))
-        picture = renderer.picture(pose, world.body_poses(seconds), gain, rng)
-        rgb.append(picture.rgb)
-        subpart.append(np.where(picture.faces >= 0, levels.face_subpart[picture.faces], NOTHING))
+        picture, faces = renderer.picture(pose, world.body_poses(seconds), gain, rng)
+        rgb.append(picture)
+        subpart.append(np.where(faces >= 0, levels.face_subpart[faces], NOTHING))
     with atomic_directory(folder) as made:
         np.save(made / "rgb.npy", np.stack(rgb).reshape(*shape, 3))
         np.save(made / "subpart.npy", np.stack(subpart).astype(np.uint16).reshape(shape))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 # Means of categories that differ by less are equal up to rounding.
 SAME = 1e-12
@@ -59,7 +59,7 @@ def clustered_interval(
     # differ, each by as much as is possible.
     if np.ptp(means) <= SAME:
         value = float(means[0])
-        others = stats.binomtest(0, len(means)).proportion_ci(CONFIDENCE, method="wilson").high
+        others = 1 / (1 + len(means) / special.ndtri((1 + CONFIDENCE) / 2) ** 2)
         return value - others * (value - least), value + others * (most - value)
     low, high = _bounds(scenes, len(means), resamples)
     return max(low, least), min(high, most)
@@ -69,13 +69,13 @@ def _bounds(scenes: Sequence[Clusters], clusters: int, resamples: int) -> tuple[
     resampled = _resampled(scenes, resamples)
     # The percentiles are expanded for a small number K of categories: the tails are those of Student's distribution
     # times sqrt(K / (K - 1)) (Hesterberg 2015, "What teachers should know about the bootstrap").
-    student = stats.t.ppf((1 + CONFIDENCE) / 2, clusters - 1) * math.sqrt(clusters / (clusters - 1))
+    student = special.stdtrit(clusters - 1, (1 + CONFIDENCE) / 2) * math.sqrt(clusters / (clusters - 1))
     # The smallest and the largest of a few categories cover less than the confidence (of five, 94 %). Student's interval
     # with the bootstrap's standard deviation replaces the percentiles.
     if 2.0 ** (1 - clusters) > 1 - CONFIDENCE:
         mean, half = mean_of_scenes(scenes), float(student * resampled.std())
         return mean - half, mean + half
-    low, high = np.quantile(resampled, [stats.norm.sf(student), stats.norm.cdf(student)])
+    low, high = np.quantile(resampled, special.ndtr([-student, student]))
     return float(low), float(high)
 
 

@@ -1,5 +1,6 @@
 """SAM2's video predictor, with the same results with and without SAM2's compiled extension."""
 
+from functools import cache
 from typing import Any
 
 import cv2
@@ -30,11 +31,22 @@ def fill_holes(scores: Tensor, max_area: int) -> Tensor:
 
 
 class VideoPredictor(SAM2VideoPredictor):
-    """``SAM2VideoPredictor`` that fills holes by ``fill_holes``."""
+    """``SAM2VideoPredictor`` that fills holes by ``fill_holes``, and computes once what objects or pictures share."""
 
     def __init__(self, fill_hole_area: int, **arguments: Any) -> None:
         super().__init__(fill_hole_area=0, **arguments)
         self.hole_area = fill_hole_area
+        first, trunk = self.memory_attention.layers[0], self.image_encoder.trunk
+        trunk._get_pos_embed, attend = cache(trunk._get_pos_embed), first._forward_sa
+        last: list[Tensor] = []
+
+        def attend_once(pictures: Tensor, positions: Tensor) -> Tensor:
+            # All objects of a frame see the same picture, in the next calls, too.
+            if not (last and torch.equal(last[0], pictures[:1])):
+                last[:] = pictures[:1], attend(pictures[:1], positions[:1])
+            return last[1].expand_as(pictures)
+
+        first._forward_sa = attend_once
 
     def _run_single_frame_inference(self, *arguments: Any, **named: Any) -> tuple[dict[str, Any], Tensor]:
         output, masks = super()._run_single_frame_inference(*arguments, **named)

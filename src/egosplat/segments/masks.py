@@ -51,7 +51,8 @@ def intersections(first: Tensor, second: Tensor) -> Tensor:
     """(N, H, W) and (M, H, W) bool masks -> (N, M) float32 number of shared pixels; exact up to 2^24."""
     # Autocast would multiply in bfloat16, which rounds counts above 256.
     with torch.autocast(first.device.type, enabled=False):
-        return first.flatten(1).float() @ second.flatten(1).float().T
+        rows = first.flatten(1).float()
+        return rows @ (rows if second is first else second.flatten(1).float()).T
 
 
 def areas(masks: Tensor) -> Tensor:

@@ -28,6 +28,9 @@ _MAX_COVERED_NEW = 0.5
 # Objects per SAM2 batch. The order of sums, and so the last digit, depends on it.
 BATCH = 16
 
+# Pixels of encoded frames that are kept. Their features take 8 bytes a pixel, those of the published models 16.
+_KEPT_PIXELS = 16 * 2**20
+
 # A track starts from a mask, and is lost where SAM2 follows something else or the thing rests, by its mean probability as a
 # share of masks.threshold. The track as a whole has to reach the threshold: the transient network is surer of what moves
 # than of static things, whose tracks reach 0.60 to 0.70, true ones 0.70 to 1 (benchmarks/transient/README.md).
@@ -57,8 +60,9 @@ class Tracker:
         self._prompted: list[int] = []
         self._steps = 0  # frames done forwards, and then backwards
         self._side = sam2.video_predictor.image_size // 4  # of SAM2's low-resolution masks
-        # Of the last frame that was asked for.
-        self._encoded = lru_cache(1)(lambda frame: encode(sam2, video.image(frame)))
+        # Backwards, the last frames come first.
+        kept = max(1, _KEPT_PIXELS // sam2.video_predictor.image_size**2)
+        self._encoded = lru_cache(kept)(lambda frame: encode(sam2, video.image(frame)))
         everything = np.ones(video.shown(0).shape, np.float32)
         self._moving = lru_cache(1)(lambda frame: self._shrunk(moves(frame) if moves else everything))
         self._inside = lru_cache(1)(lambda frame: self._shrunk(video.shown(frame).astype(np.float32)) > 0.5)

@@ -62,7 +62,7 @@ def _sample_surface(
     rays = rotate(turn, lens.directions[chosen])
     hits = renderer.static.cast(origin, rays)
     texture = geometry.part_texture[geometry.face_part[hits.face]]
-    uv = interpolated(geometry, hits, geometry.uv)
+    [uv] = interpolated(geometry, hits, geometry.uv)
     width = np.full(len(uv), _DETAIL_M, dtype=np.float32)
     here, aside = (renderer.atlas.albedo(texture, uv + shift, width) for shift in (0, np.float32(_DETAIL_M)))
     # Contrast in display values over one step of _DETAIL_M decides how likely a point is.

@@ -4,7 +4,9 @@ from collections.abc import Callable
 from functools import reduce
 
 import numpy as np
+from numpy.typing import NDArray
 
+from egosplat_apartments.adt_format.sequence import View
 from egosplat_apartments.arrays import Array, Floats
 from egosplat_apartments.camera.effects import Effects
 from egosplat_apartments.camera.exposure import (
@@ -15,7 +17,7 @@ from egosplat_apartments.camera.exposure import (
     falloff,
     white_balance,
 )
-from egosplat_apartments.camera.render import Renderer, Shot
+from egosplat_apartments.camera.render import Renderer
 from egosplat_apartments.world.world import World, camera_pose
 
 # Instants of an exposure that are averaged; each costs a rendering. They are one pixel of blur apart, or more if the
@@ -99,8 +101,8 @@ class Film:
             for factor, colors in zip(self._factors(), channels, strict=True)
         ]
 
-    def shoot(self, number: int) -> Shot:
-        """Film a frame. Its labels and depth are those of the middle of the exposure."""
+    def shoot(self, number: int) -> tuple[NDArray[np.uint8], View, View]:
+        """Film a frame, as ``Renderer.shoot``. Its labels and depth are those of the middle of the exposure."""
         world, seconds = self._world, float(self._seconds[number])
         pose, bodies = camera_pose(world, seconds), world.body_poses(seconds)
         rng = np.random.default_rng([world.seed, _DISPLAY_STREAM, number])
@@ -114,7 +116,7 @@ class Film:
             return add_noise(light, self._effects, exposure.gain, noise) if self._effects.noisy else light
 
         rgb = self._renderer.develop(self._light(seconds, exposure), exposure.light, rng, sensor)
-        return Shot(rgb, with_people, without_people)
+        return rgb, with_people, without_people
 
     def _light(self, seconds: float, exposure: Exposure) -> Floats:
         """(N, 3) radiance of the lens's pixels, integrated over the exposure and changed by lens and white balance."""

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,9 +178,9 @@ def body_scene(geometry: Geometry, first: int, last: int, poses: dict[int, Array
     return RayScene(np.concatenate(vertices), faces, int(begin))
 
 
-def interpolated(geometry: Geometry, hits: Hits, values: Floats) -> Floats:
-    """Interpolate (V, D) values at the geometry's vertices to (N, D) values at hits."""
-    corners = np.take(geometry.faces, hits.face, axis=0)
-    weights = (1 - hits.u - hits.v, hits.u, hits.v)
-    terms = (np.take(values, corners[:, k], axis=0) * weight[:, None] for k, weight in enumerate(weights))
-    return sum(terms, np.zeros((), dtype=np.float32))
+def interpolated(geometry: Geometry, hits: Hits, *values: Floats) -> list[Floats]:
+    """Interpolate each (V, D) values at the geometry's vertices to (N, D) values at hits."""
+    corners = np.take(geometry.faces, hits.face, axis=0).T.copy()
+    weights = [weight[:, None] for weight in (1 - hits.u - hits.v, hits.u, hits.v)]
+    pairs = [*zip(corners, weights, strict=True)]
+    return [reduce(np.add, (np.take(each, at, axis=0) * weight for at, weight in pairs)) for each in values]

@@ -28,33 +28,6 @@ _METERED = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Shot:
-    """One rendering and its ground truth in ADT's form.
-
-    Attributes:
-        rgb: (H, W, 3) uint8, with people.
-        with_people, without_people: labels and depth.
-    """
-
-    rgb: NDArray[np.uint8]
-    with_people: View
-    without_people: View
-
-
-@dataclass(frozen=True, eq=False)
-class Picture:
-    """One rendering with people, and the visible surface of each pixel.
-
-    Attributes:
-        rgb: (H, W, 3) uint8.
-        faces: (H, W) int32 number of the visible face in the geometry, -1 for none.
-    """
-
-    rgb: NDArray[np.uint8]
-    faces: NDArray[np.int32]
-
-
-@dataclass(frozen=True, eq=False)
 class _Scenes:
     """Targets of the rays of one shot: static surfaces, each moving object and each person by instance id.
 
@@ -91,8 +64,10 @@ class Renderer:
         self._ids = np.array([body.instance_id for body in geometry.bodies], dtype=np.uint64)
         self._static_alone: dict[int, RayScene] = {}
 
-    def shoot(self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: Rng) -> Shot:
-        """Render the scene and its ground truth.
+    def shoot(
+        self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: Rng
+    ) -> tuple[NDArray[np.uint8], View, View]:
+        """Render the scene: its (H, W, 3) uint8 picture with people, and its ground truth with and without them.
 
         Args:
             world_from_camera: (4, 4) pose of the camera, in the lens's axes.
@@ -101,8 +76,8 @@ class Renderer:
         """
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
         full, with_people, without_people = self._truth(scenes, origin, rays)
-        rgb = self.develop(self._light(scenes, full, poses, origin, turn), gain, rng)
-        return Shot(rgb, with_people, without_people)
+        rgb = self.develop(self._light(scenes, full, poses, origin, turn, rays), gain, rng)
+        return rgb, with_people, without_people
 
     def truth(self, world_from_camera: Array, poses: dict[int, Array]) -> tuple[View, View]:
         """The ground truth of ``shoot`` alone, with and without people."""
@@ -128,7 +103,7 @@ class Renderer:
         if world_from_camera.ndim == 3:
             world_from_camera = world_from_camera.astype(np.float32)[np.nonzero(self.lens.valid)[0]]
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
-        return self._light(scenes, self._cast(scenes.full, origin, rays), poses, origin, turn)
+        return self._light(scenes, self._cast(scenes.full, origin, rays), poses, origin, turn, rays)
 
     def brightness(self, world_from_camera: Array, poses: dict[int, Array]) -> float:
         """Mean radiance of the scene, from a sample of the lens's pixels; arguments as for ``shoot``."""
@@ -140,12 +115,14 @@ class Renderer:
         # Sums along axis 0 have the same order on every processor.
         return float(light.mean(axis=0, dtype=np.float64).sum() / 3)
 
-    def picture(self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: Rng) -> Picture:
-        """Render the scene and the visible face of each pixel; arguments as for ``shoot``."""
+    def picture(
+        self, world_from_camera: Array, poses: dict[int, Array], gain: float, rng: Rng
+    ) -> tuple[NDArray[np.uint8], Ints]:
+        """Render the scene and the number of each pixel's visible face, -1 for none; arguments as for ``shoot``."""
         scenes, turn, origin, rays = self._prepare(world_from_camera, poses)
         hits = self._cast(scenes.full, origin, rays)
-        rgb = self.develop(self._light(scenes, hits, poses, origin, turn), gain, rng)
-        return Picture(rgb, self._image(hits.face, np.int32, -1))
+        rgb = self.develop(self._light(scenes, hits, poses, origin, turn, rays), gain, rng)
+        return rgb, self._image(hits.face, np.int32, -1)
 
     def _prepare(
         self, world_from_camera: Array, poses: dict[int, Array]
@@ -156,12 +133,11 @@ class Renderer:
         return self._scenes(poses), turn, pose[..., :3, 3], _turned(turn, self.lens.directions)
 
     def _light(
-        self, scenes: _Scenes, hits: Hits, poses: dict[int, Array], origin: Floats, turn: Floats
+        self, scenes: _Scenes, hits: Hits, poses: dict[int, Array], origin: Floats, turn: Floats, rays: Floats
     ) -> Floats:
         """(N, 3) radiance at ray hits, with soft edges."""
         rotations = self._rotations(poses)
         # Shading and edge softening work in linear light; ``develop`` applies the tone curve.
-        rays = _turned(turn, self.lens.directions)
         radiance = self._shade(scenes, rotations, hits, origin, rays, self.lens.angle)
         self._soften(scenes, rotations, hits, radiance, origin, turn)
         return radiance
@@ -254,9 +230,7 @@ class Renderer:
         """(N, 3) radiance in linear light."""
         geometry = self.geometry
         part = geometry.face_part[hits.face]
-        normals, uv, light = (
-            interpolated(geometry, hits, values) for values in (geometry.normals, geometry.uv, self._baked)
-        )
+        normals, uv, light = interpolated(geometry, hits, geometry.normals, geometry.uv, self._baked)
         self._turn_moved(normals, geometry.part_body[part], rotations)
         normals /= np.maximum(lengths(normals)[:, None], 1e-12)
         facing = np.einsum("ni,ni->n", normals, rays)

@@ -33,7 +33,7 @@ def shoot(parts, height, size, poses=None, bodies=()):
     camera = make_pose(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), np.array([0, height, 0]))
     bodies = [*(Body(number, (part,), np.eye(4), "static") for number, part in enumerate(parts, 1)), *bodies]
     renderer = Renderer(build_geometry(bodies), LIGHTS, make_lens(size), np.random.default_rng(0))
-    return renderer.shoot(camera, poses or {}, 1.0, np.random.default_rng(0)).with_people, camera
+    return renderer.shoot(camera, poses or {}, 1.0, np.random.default_rng(0))[1], camera
 
 
 def test_rays_project_back_to_their_pixels():
@@ -78,16 +78,15 @@ def test_depth_of_the_floor_equals_that_of_a_plane(recorded, rays):
     floor = [n for n, name in enumerate(geometry.part_names) if name.endswith("/floor")]
     camera = camera_pose(recorded.world, 2.0)
     view = (camera, recorded.world.body_poses(2.0), 1.0)
-    shot = recorded.renderer.shoot(*view, np.random.default_rng(0))
-    picture = recorded.renderer.picture(*view, np.random.default_rng(0))
-    assert np.array_equal(picture.rgb, shot.rgb)
-    parts = np.where(picture.faces >= 0, geometry.face_part[picture.faces], -1)
-    seen = np.isin(parts, floor)
+    rgb, with_people, _ = recorded.renderer.shoot(*view, np.random.default_rng(0))
+    picture, faces = recorded.renderer.picture(*view, np.random.default_rng(0))
+    assert np.array_equal(picture, rgb)
+    seen = np.isin(np.where(faces >= 0, geometry.face_part[faces], -1), floor)
     assert seen.sum() > 1000
     # The floor is y = 0: a ray z (x, y, 1) from height h meets it at z = -h / (its change in height).
     fall = rays[seen] @ camera[1, :3]
     expected = -camera[1, 3] / fall * 1000
-    assert np.abs(shot.with_people.depth_mm[seen] - expected).max() < 0.6
+    assert np.abs(with_people.depth_mm[seen] - expected).max() < 0.6
 
 
 def test_moving_bodies_are_where_their_poses_are():

@@ -85,8 +85,9 @@ def is_usable() -> bool:
     return why_not() is None
 
 
+@functools.cache
 def is_compiled() -> bool:
-    """Whether a library of any variant exists, usable or not."""
+    """Whether a library of any variant exists, usable or not; cached for the process."""
     return any((HERE / variant.file).is_file() for variant in VARIANTS)
 
 
