@@ -132,6 +132,7 @@ def both(sam2, images, moves, folder, asked, reads=None) -> Segmented:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("egosplat.models.sam2_loader.load_sam2", lambda *_: sam2)
         patch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 0.0)
+        patch.setattr("egosplat.segments.tracker._KEPT_PIXELS", 0)  # so that both directions read
         tracks = Checkpoint(output, "key", part="tracks")
         work = Work(output, made, FRAMES)
         return stage._segment_with_sam2(video, np.arange(FRAMES), TRAINING, transient, OPTIONS, work, tracks)
