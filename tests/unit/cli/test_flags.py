@@ -89,5 +89,4 @@ def test_a_command_frees_no_objects_one_by_one_when_it_ends():
     """Python's last search came after what was registered first: it finds everything frozen."""
     code = "import atexit, gc; atexit.register(lambda: print(len(gc.get_objects())))\n"
     words = [sys.executable, "-c", f"{code}from egosplat.cli import main; main()", "snakefile"]
-    told = subprocess.run(words, capture_output=True, text=True, check=True)
-    assert int(told.stdout.splitlines()[-1]) < 1000
+    assert int(subprocess.check_output(words, text=True).splitlines()[-1]) < 1000
