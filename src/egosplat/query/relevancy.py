@@ -53,7 +53,7 @@ def relevancy_maps(
     0 where (L, H, W) bool ``seen`` is false. ``kept`` keeps what codes decode to, for further queries (ValueError: a code is not finite)."""
     maps = torch.zeros(len(texts.phrases), seen.numel(), device=codes.device)
     if not texts.phrases:
-        return maps.reshape(-1, *seen.shape)
+        return maps.reshape(len(texts.phrases), *seen.shape)
     decoded: Iterable[Decoded] = _decoded(codes, seen, decoder, texts)
     if kept is not None and texts.canonical not in kept:
         kept.clear()
@@ -62,7 +62,7 @@ def relevancy_maps(
     queries = project(texts.queries.to(maps), decoder.folded[1])
     for chosen, features, usual in decoded:
         maps.index_copy_(1, chosen, _over(features @ queries.T, usual, temperature).T)
-    return maps.reshape(-1, *seen.shape)
+    return maps.reshape(len(texts.phrases), *seen.shape)
 
 
 def _decoded(codes: Tensor, seen: Tensor, decoder: Decoder, texts: Texts) -> Iterator[Decoded]:

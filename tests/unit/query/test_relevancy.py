@@ -30,6 +30,7 @@ def test_maps_compare_decoded_codes_with_phrases(monkeypatch):
         found = relevancy_maps(codes, seen, whole, wide, 10.0)
         assert found.shape == (3, 2, 7, 5) and found.dtype == torch.float32
         torch.testing.assert_close(found, torch.where(seen, expected, 0.0), rtol=0, atol=1e-5)
+    assert relevancy_maps(codes[:, :0], seen[:, :0], whole, wide, 10.0).shape == (3, 2, 0, 5)
 
 
 def decoder(*widths: int, scale: float = 1.0) -> Decoder:
