@@ -62,10 +62,8 @@ def test_valid_shapes_are_accepted(accepted):
         ({"backgrounds": torch.zeros(3)}, r"backgrounds has shape \(3,\), not \(2, 3\)"),
         ({"backgrounds": torch.zeros(2, 3), "features": torch.zeros(4, 1)}, r"not \(2, 4\)"),
         *((a, "not finite|whole") for a in ({"backgrounds": torch.full((2, 3), math.nan)}, {"width": 8.0})),
-        *(
-            (a, "not a (number|tensor)")
-            for a in ({"near_plane": "0.1"}, {"eps2d": True}, {"quats": [[1.0] * 4] * 4})
-        ),
+        ({"near_plane": "0.1"}, "not a number"),
+        ({"quats": [[1.0] * 4] * 4}, "not a tensor"),
         ({"c": 0}, "at least one camera"),
         ({"viewmats": torch.zeros(2, 3, 4)}, r"viewmats has shape \(2, 3, 4\)"),
         ({"Ks": torch.eye(3)[None]}, r"Ks has shape \(1, 3, 3\)"),
