@@ -3,7 +3,7 @@
 # make test-slow  run the tests that take ten seconds or more each
 # make numerics run the tests of numbers at their extremes, and write docs/numerics.md
 # make public   fetch published models and LERF-OVS (2.4 GB), make its four scenes with the preset paper and as they are usually made,
-#               fit grades, and print scores beside those of papers: a night on a GPU
+#               print scores beside those of papers, and fit grades: a night on a GPU
 # make install  set up for running alone, into .venv
 # make develop  set up for tests too
 # make site     build the site into site/, and check its links
@@ -94,8 +94,8 @@ public: install
 	$(BIN)/egosplat models download --config models.set=light
 	$(BIN)/python -m benchmarks.public --fetch $(DATA)
 	$(BIN)/snakemake --cores $(CORES) --resources gpu=1 --configfile $(DATA)/public.yaml -- $(foreach scene,$(LERF) $(LERF:=/variants/usual),$(scene)/metrics.json)
-	$(BIN)/python -m benchmarks.presence $(LERF) --fit
 	$(BIN)/python -m benchmarks.public $(LERF) $(LERF:=/variants/usual)
+	$(BIN)/python -m benchmarks.presence $(LERF) --fit
 
 # One process more than cores, because some tests wait for SLURM or a browser. One thread each. The longest files come first.
 # Compiled once, or each of the many processes compiles what it imports where PYTHONDONTWRITEBYTECODE is set. Rewriting asserts takes

@@ -35,12 +35,12 @@ def asked_of(rows: Rows) -> pd.DataFrame:
     """The queries of the scenes' own settings that tell whether their answer is right, but for validation apartments.
 
     Raises:
-        UserError: fewer than two scenes are left.
+        UserError: fewer than two scenes with such queries are left.
     """
     asked = judged(rows.of("presence", FULL)).reset_index(drop=True)
-    asked = asked[~asked["scene"].str.rpartition("/")[2].isin(VALIDATION)]
+    asked = asked[~asked["scene"].str.split("/").str[-1].isin(VALIDATION)]
     if asked["scene"].nunique() < 2:
-        raise UserError("give two scenes for tuning or more: each is predicted by a fit on the others")
+        raise UserError("two scenes with judged answers are needed: each is predicted by a fit on the others")
     return asked
 
 
