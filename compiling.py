@@ -17,9 +17,15 @@ from egosplat_apartments.rays import library as rays
 COMPILERS = ("g++", "c++", "clang++")
 
 NO_COMPILER = (
-    "egosplat is installed without its C++ kernels: {}. Install a C++17 compiler with OpenMP "
-    "(on Debian and Ubuntu: apt install g++), then install egosplat again."
+    "egosplat is installed without its C++ kernels: {}. Install GCC 12 or newer (on Debian and Ubuntu: apt install g++; "
+    "where that is older, apt install g++-12, and set CXX=g++-12), then install egosplat again."
 )
+
+# What the kernels need of a compiler beside C++17: OpenMP, and shuffles of vectors, which GCC has from version 12 on.
+NEEDED = """#include <omp.h>
+typedef float Pair __attribute__((vector_size(8)));
+Pair swap(Pair a) { return __builtin_shufflevector(a, a, 1, 0); }
+"""
 
 
 def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VARIANTS) -> list[str]:
@@ -41,8 +47,8 @@ def compile_kernels(folder: Path, output: Path, variants: Sequence[Variant] = VA
     compiler = find_compiler()
     if compiler is None:
         return [NO_COMPILER.format("no C++ compiler is found")]
-    if problem := _flag_error(compiler, FLAGS, "#include <omp.h>\n"):
-        return [NO_COMPILER.format(f"{shlex.join(compiler)} does not compile with OpenMP ({problem})")]
+    if problem := _flag_error(compiler, FLAGS, NEEDED):
+        return [NO_COMPILER.format(f"{shlex.join(compiler)} is too old, or has no OpenMP ({problem})")]
     unknown = {variant: _flag_error(compiler, variant.flags) for variant in variants}
     known = [variant for variant in variants if not unknown[variant]]
     output.mkdir(parents=True, exist_ok=True)

@@ -108,7 +108,7 @@ def choose(folder: Path, features: frozenset[str], wanted: str | None) -> Varian
     if not compiled:
         raise UserError(
             f"The C++ kernels are not compiled (no libegosplat_*.so in {folder}).\n"
-            f"Install a C++17 compiler with OpenMP (apt install g++), then {how_to_reinstall()}"
+            f"Install GCC 12 or newer (apt install g++), then {how_to_reinstall()}"
         )
     for candidate in compiled:
         if candidate.features <= features:
