@@ -1,6 +1,6 @@
 """A scene that can be asked: two halves of a wall that mean a couch and a cup, as a folder of artifacts."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.models.open_clip_loader import load_open_clip
-from egosplat.pipeline.survey_file import digest_of_frames
+from egosplat.pipeline.survey_file import digest_of
 from egosplat.pipeline.validation import write_document
 from egosplat.query.text import encode_phrases
 from egosplat.survey.stage import FORMAT_VERSION
@@ -65,7 +65,7 @@ def survey_that_keeps() -> Callable[..., Path]:
     """``survey_that_keeps(folder, frames)``: a survey of the folder's frames that leaves out all others.
     Something moves, unless ``static``."""
 
-    def make(folder: Path, kept: list[int], *, static: bool = False) -> Path:
+    def make(folder: Path, kept: list[int], *, static: bool = False, cells: Sequence[dict] = ()) -> Path:
         motion = {
             "verdict": "something moves",
             "masking": "none" if static else "refined",
@@ -73,13 +73,14 @@ def survey_that_keeps() -> Callable[..., Path]:
         }
         motion |= {"fleeting": 0.0, "min_share": 0.008, "voting": 0.7, "noise_px": 0.1, "pairs": []}
         camera = {"pose_residual_px": 0.1, "pose_noise_px": 0.1, "revisits": 0, "refine_poses": False}
-        views = {"kept": kept, "left_out": [], "digest": digest_of_frames(kept)}
+        views = {"kept": kept, "left_out": [], "digest": digest_of(kept)}
         document = {
             "format_version": FORMAT_VERSION,
             "origin": "synthetic",
             "motion": motion,
             "camera": camera | {"brightness_stops": 0.1, "compensate_exposure": False},
             "views": views | {"min_view_change_deg": 3.0, "median_depth_m": 2.0},
+            "cells": [*cells],
             "poses": {"source": "device", "registered": 1, "frames": 1, "points": 1},
             "provenance": begin("survey", {}, "synthetic", digests(folder, ["frames"])).record(),
         }

@@ -3,7 +3,8 @@
 
 REQUIRED INPUTS: frames.zarr, poses.zarr. By configuration and survey: masks.zarr or transient.zarr, instances.zarr and
 features.zarr or tiles.zarr, survey.json; of histories, instances.zarr and view_features.zarr. Never annotations.zarr.
-OUTPUTS: splats.zarr, language.zarr, histories.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes.
+OUTPUTS: splats.zarr, language.zarr, histories.zarr. While a stage runs, .{name}.checkpoint, from which a killed run resumes,
+and of a long recording splats.{chunk}.chunk.
 """
 
 
@@ -27,6 +28,16 @@ rule splats:
         source=asked(jobs.given_splats),
     shell:
         "egosplat splats {params.arguments} --output {output:q} --options {params.options:q} 2>&1 | tee {log:q}"
+
+
+# A chunk of the Gaussians is one of the survey's cells.
+use rule splats as splats_chunk with:
+    output:
+        temp(directory("results/{dataset}/{scene}/{variant}splats.{chunk}.chunk")),
+    log:
+        "logs/{dataset}/{scene}/{variant}splats.{chunk}.log",
+    benchmark:
+        "logs/{dataset}/{scene}/{variant}splats.{chunk}.tsv"
 
 
 rule language:

@@ -39,7 +39,7 @@ SCENE = {
 
 # Flags of a stage whose frames jobs can share.
 CHUNKS: dict[str, dict[str, Any]] = {
-    "chunk": {"type": click.IntRange(1), "help": "Number of the chunk of frames to work on."},
+    "chunk": {"type": click.IntRange(1), "help": "Number of the chunk of frames, or cell, to work on."},
     "gather": {"type": ARTIFACT, "multiple": True, "help": "Results of all chunks, in order."},
 }
 

@@ -39,20 +39,15 @@ class DensityControl:
 
     @torch.no_grad()
     def observe(self, means2d_grad: Tensor | None, radii: Tensor, width: int, height: int) -> None:
-        """Collect the statistics of one iteration; called after ``backward``, before ``step``. ValueError:
-        wrong shape, or another number of Gaussians than at the last call. ``means2d_grad``: (C, N, 2) float32
-        gradient by means2d [1/px] of a loss that is the mean over the C cameras; None if the loss depends on
-        no Gaussian. Values that are not finite are skipped. ``radii``: (C, N, 2) int32 screen radii of the
-        rasterizer [px]; 0 if culled."""
+        """Collect the statistics of one iteration; called after ``backward``, before ``step``. ``means2d_grad``: (1, N, 2)
+        float32 gradient by means2d [1/px]; None if the loss depends on no Gaussian. Values that are not finite are
+        skipped. ``radii``: (1, N, 2) int32 screen radii of the rasterizer [px]; 0 if culled."""
         if means2d_grad is None:
             return
-        if radii.shape != means2d_grad.shape or radii.ndim != 3:
-            raise ValueError(f"gradients {tuple(means2d_grad.shape)}, radii {tuple(radii.shape)}")
-        cameras, n = radii.shape[:2]
-        statistics = self._statistics_of(n, radii.device)
+        statistics = self._statistics_of(radii.shape[1], radii.device)
         half_image = means2d_grad.new_tensor([width / 2, height / 2])
-        # In units of half the image, as in 3DGS; times the number of cameras, because the loss is their mean.
-        norms = torch.linalg.vector_norm(means2d_grad * half_image, dim=-1) * cameras
+        # In units of half the image, as in 3DGS.
+        norms = torch.linalg.vector_norm(means2d_grad * half_image, dim=-1)
         # A culled Gaussian has radius 0 and no gradient; counting that view would lower its mean.
         counted = (radii.amin(dim=-1) > 0) & norms.isfinite()
         statistics["grad"] += torch.where(counted, norms, 0.0).sum(dim=0)
@@ -85,8 +80,6 @@ class DensityControl:
         """Return (n,) float32 each: sum of gradients, number of views, largest radius [px], since the last growth."""
         if not self._statistics:
             return {name: torch.zeros(n, device=device) for name in ("grad", "views", "radius")}
-        if len(self._statistics["grad"]) != n:
-            raise ValueError(f"{n} Gaussians after observing {len(self._statistics['grad'])}")
         # A checkpoint may have been loaded to another device.
         return {name: tensor.to(device) for name, tensor in self._statistics.items()}
 

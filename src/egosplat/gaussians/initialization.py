@@ -45,6 +45,9 @@ CELLS, _LEAST_CELL = 48, 2.0
 # Largest numbers of evenly spaced training views that are searched for empty cells, and that measure depths.
 _DENSIFIED_VIEWS, _DEPTH_VIEWS = 200, 20
 
+# Of the points to start from, at most one in so many is not near.
+_FAR_PART = 5
+
 # Largest acceptable float32 step of positions, in scene extents: a quarter of a pixel at 2 m distance.
 _COARSEST = 1e-3
 
@@ -59,6 +62,10 @@ def starting_gaussians(poses: Artifact, views: Views, options: TrainingOptions) 
     xyz, rgb = poses.read("points/xyz"), poses.read("points/rgb")
     _check_depths(poses, xyz, views, near_plane)
     visible = seen(xyz, views.camera, cameras, near_plane=near_plane)
+    if views.near is not None:
+        far = np.flatnonzero(visible & ~views.near(xyz))
+        visible[far] = False
+        visible[far[_random_subset(len(far), max_points // _FAR_PART, seed)]] = True
     log(f"{visible.sum()} of {len(xyz)} points are visible in training views")
     xyz, rgb = xyz[visible], rgb[visible]
     if not len(xyz):
@@ -197,12 +204,9 @@ def from_points(
 ) -> Gaussians:
     """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
     Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1,
-    rotation the identity; SH coefficients above degree 0 are zero, and there are no features. ValueError: wrong shape or
-    dtype. UserError: no point is finite in float32. ``xyz``, ``rgb``: (P, 3) float64 world points [m],
+    rotation the identity; SH coefficients above degree 0 are zero, and there are no features. UserError: no point is finite in float32. ``xyz``, ``rgb``: (P, 3) float64 world points [m],
     duplicates allowed, and (P, 3) uint8. ``near_plane``: smallest camera z [m], the unit of the least
     sizes."""
-    if xyz.ndim != 2 or xyz.shape[1] != 3 or rgb.shape != xyz.shape or rgb.dtype != np.uint8:
-        raise ValueError(f"xyz {xyz.shape} and rgb {rgb.shape} {rgb.dtype} are not (P, 3) and (P, 3) uint8")
     # Gaussians are float32, so points must be finite in float32. NaN compares as False.
     kept = np.flatnonzero((np.abs(xyz) <= np.finfo(np.float32).max).all(axis=1))
     if not len(kept):

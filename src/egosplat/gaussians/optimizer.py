@@ -58,13 +58,8 @@ class Adam:
     def step(self, visible: Tensor | None) -> None:
         """Update all parameters from their ``grad``; a gradient of None counts as zero. ``visible`` (N,) bool
         is a superset of the rows with a gradient; None if all rows may have one. Rows that were never visible
-        have zero gradient and moments; skipping them only saves time. ValueError if its shape is another."""
-        if visible is None:
-            self._ever_visible.fill_(True)
-        elif visible.shape != self._ever_visible.shape:
-            raise ValueError(f"visible: shape {tuple(visible.shape)}, not {tuple(self._ever_visible.shape)}")
-        else:
-            self._ever_visible |= visible
+        have zero gradient and moments; skipping them only saves time."""
+        self._ever_visible |= visible if visible is not None else torch.ones_like(self._ever_visible)
         self.step_count += 1
         states = [self._state(name) for name in PARAMETERS]
         if self._ever_visible.device.type == "cpu" and library.is_usable():
@@ -79,7 +74,7 @@ class Adam:
 
     def replace_rows(self, gaussians: Gaussians, keep: Tensor, added: int) -> None:
         """Continue with other Gaussians: those at ``keep``, (N,) bool, then ``added`` ones, whose moments
-        start at zero. ValueError if there are more or fewer, or a parameter is not contiguous."""
+        start at zero. ValueError if a parameter is not contiguous."""
         for name, moments in self._moments.items():
             self._moments[name] = torch.stack([_with_zero_rows(each[keep], added) for each in moments])
         self._ever_visible = _with_zero_rows(self._ever_visible[keep], added)
@@ -108,8 +103,6 @@ class Adam:
         self.step_count, self.skipped_rows = state["step_count"], state["skipped_rows"]
 
     def _attach(self, gaussians: Gaussians) -> None:
-        if gaussians.count != len(self._ever_visible):
-            raise ValueError(f"{gaussians.count} Gaussians for the moments of {len(self._ever_visible)}")
         for name, parameter in gaussians.parameters().items():
             if not parameter.is_contiguous():
                 raise ValueError(f"{name} {tuple(parameter.shape)} is not contiguous")

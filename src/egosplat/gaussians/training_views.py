@@ -54,6 +54,7 @@ class Views:
         device: device of ``picture``, ``valid`` and ``weight``.
         log_gain: (V, 3) natural logarithm of the gains that a render gets before it is compared; None for 0.
         compression: (1,) of highlights by the camera, see ``egosplat.gaussians.exposure.exposed``; None for 0.
+        near: tells of (P, 3) points, (P,) bool, whether Gaussians should start there, and not only a few; None for all.
     """
 
     frame: NDArray[np.int64]
@@ -65,6 +66,7 @@ class Views:
     device: torch.device
     log_gain: Tensor | None = None
     compression: Tensor | None = None
+    near: Callable[[NDArray[np.float64]], Mask] | None = None
 
     def __len__(self) -> int:
         return len(self.frame)

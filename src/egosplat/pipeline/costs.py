@@ -63,9 +63,8 @@ def lack_of_memory(
     stage: str, values: Mapping[str, Any], frames: Path | None, chunk: bool = False
 ) -> str | None:
     """Say that a stage may need more memory than the machine has for its frames, and what needs less; None if it does not."""
-    with contextlib.suppress(
-        OSError, ValueError, KeyError
-    ):  # the stage itself tells what is wrong with the frames
+    # The stage itself tells what is wrong with the frames.
+    with contextlib.suppress(OSError, ValueError, KeyError):
         needed = _megabytes(stage, values, gigapixels(stage, {}, [str(frames)], chunk))
         has = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e6
         if _megabytes(stage, values, 0.0) <= has < needed:

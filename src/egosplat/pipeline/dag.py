@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from egosplat.pipeline.chunks import split_frames
 from egosplat.pipeline.config import Config, merge, stage_sections, stage_values
 from egosplat.pipeline.stages import STAGES
-from egosplat.pipeline.survey_file import Survey, frames_of_gaussians
+from egosplat.pipeline.survey_file import Survey, digest_of, frames_of_gaussians
 
 AUTO = "auto"
 
@@ -128,18 +128,21 @@ def stages_behind(stages: Iterable[str], config: Config) -> list[str]:
 
 
 def training_frames(stage: str, config: Config, survey: Survey) -> str:
-    """Get the digest of the frames that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
+    """Get the digest of the frames, and of the cells, that a stage trains on, or ``ALL_FRAMES``. The rule reruns if it changes."""
     if not leaves_frames_out(config) or (stage == "splats" and config["splats"]["source"]):
         return ALL_FRAMES
     if stage != "splats":
         return survey["views"]["digest"]
     # In a static scene the Gaussians may train on all frames: another list of frames changes nothing.
     chosen = frames_of_gaussians(survey, decide(config, survey)["splats"]["masking"])
-    return ALL_FRAMES if chosen is None else chosen[1]
+    frames = ALL_FRAMES if chosen is None else chosen[1]
+    return f"{frames} {digest_of(survey['cells'])}" if survey["cells"] else frames
 
 
 def count_chunks(stage: str, config: Config, survey: Survey) -> int:
-    """Count the chunks of frames on which jobs of a stage work; 0 if one job works on all."""
+    """Count the chunks of frames, or cells, on which jobs of a stage work; 0 if one job works on all."""
+    if stage == "splats":
+        return len(survey["cells"]) if "survey" in optional_inputs_of(stage, config) else 0
     needs_all = {
         "segments": not segments_single_frames(config),  # tracks go on from frame to frame
         "view_features": config["view_features"]["max_views"] is not None,  # chosen among all frames, and few

@@ -21,7 +21,7 @@ class Stage:
             configuration: ``preset``, and ``world_seed`` and ``camera`` of a synthetic apartment.
         by: what the value is by which it loads one of ``modules``, for errors; ``variants.chosen_value`` gets it for a scene.
         modules: modules by value. Only the one of a scene's value is a part of the stage's code.
-        by_chunks: whether jobs can work on chunks of its frames. ``run`` takes ``chunk`` and ``gather`` then, see ``Work``.
+        by_chunks: whether jobs can work on chunks of its frames, or on cells. ``run`` takes ``chunk`` and ``gather`` then, see ``Work``.
         request: main memory to request without a GPU [MB], and more for each gigapixel of the frames; and time to request on
             two cores, ten times what is expected [min], and more for each gigapixel.
         before: of a stage of another package, the name of the stage that it stands before.

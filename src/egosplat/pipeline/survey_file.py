@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 Survey = Mapping[str, Any]
@@ -17,6 +17,6 @@ def frames_of_gaussians(survey: Survey, masking: str) -> tuple[list[int], str] |
     return None
 
 
-def digest_of_frames(kept: Iterable[int]) -> str:
-    """SHA-256 of a list of frames."""
-    return hashlib.sha256(json.dumps([int(frame) for frame in kept]).encode()).hexdigest()
+def digest_of(part: Any) -> str:
+    """SHA-256 of a list of frames, or of another part of a survey."""
+    return hashlib.sha256(json.dumps(part).encode()).hexdigest()

@@ -79,7 +79,8 @@ def decided_paths(stage: str, job: Job, possible: bool = False) -> dict[str, str
     if not STAGES[stage].optional or (possible and not dag.leaves_frames_out(job.config)):
         return {}
     # What moves is tracked by the job that gathers the chunks.
-    others = {*dag.learnt_from(stage, job.config), *(["transient"] if job.chunk else [])}
+    later = ["transient"] if job.chunk and stage == "segments" else []
+    others = {*dag.learnt_from(stage, job.config), *later}
     names = dag.optional_inputs_of(stage, job.config if possible else job.decided)
     return {name: path_of(name, job) for name in names if name not in others}
 

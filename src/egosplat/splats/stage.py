@@ -1,5 +1,6 @@
 """Stage ``splats``: train 3D Gaussians on frames with poses."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -37,7 +38,7 @@ from egosplat.gaussians.corrections import (
 from egosplat.gaussians.evaluation import Scores, describe, evaluate
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import scene_extent
-from egosplat.gaussians.io import put_curves, put_gaussians
+from egosplat.gaussians.io import put_curves, put_gaussians, read_trained_scene
 from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.schedule import TrainingOptions
@@ -47,6 +48,7 @@ from egosplat.language.targets import CodeTargets, JointLanguage
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
 from egosplat.rasterize.api import rasterizer_used, training_device
+from egosplat.splats.cells import Cell, join_corrections, join_gaussians, read_cells
 from egosplat.splats.imported import import_gaussians
 from egosplat.splats.options import SplatsOptions
 
@@ -55,15 +57,23 @@ _TRAINING = {"max_points", "max_gaussians", "sh_degree", "evaluate_every"}
 
 
 def run(
-    frames_path: Path, poses_path: Path, output: Path, options: SplatsOptions, **more: Path | None
+    frames_path: Path,
+    poses_path: Path,
+    output: Path,
+    options: SplatsOptions,
+    *,
+    chunk: int | None = None,
+    gather: Sequence[Path] = (),
+    **more: Path | None,
 ) -> None:
     """Write the splats artifact of ``frames`` with ``poses``.
 
     A killed run resumes from its last checkpoint and gives identical Gaussians. UserError: no training frame has a pose, an
-    input is missing or does not belong to the others, the backend cannot run, training diverges, or the Gaussians of
-    ``source`` cannot be read or do not fit.
+    input is missing or does not belong to the others, the backend cannot run, training diverges, the Gaussians of
+    ``source`` cannot be read or do not fit, or the survey has no such cell.
 
     Args:
+        chunk, gather: number of the survey's cell to train alone, from 1; artifacts of all cells, in order, to join.
         survey_path: excludes frames from training, unless nothing moves and nothing is masked; decides keys of the
             section ``camera`` that are ``auto``.
         transient_path: required if ``masking`` is ``initial``.
@@ -84,9 +94,21 @@ def run(
         language_inputs = open_needed("splats.language = joint", *needed)
     check_made_from(poses, frames, axes=("frame",))
     used = [frames, poses, *language_inputs, *masking.artifacts]
-    record = provenance.begin_from("splats", options.as_dict() | by_survey, used)
+    cells, of_cells = read_cells(survey_path, poses)
+    if not (chunk or len(gather)) <= len(cells) or (gather and len(gather) < len(cells)):
+        raise UserError(f"splats: the survey has {len(cells)} cells; give --chunk of one, or --gather of all")
+    by_cell = {"cells": of_cells, "cell": chunk} if chunk or gather else {}
+    record = provenance.begin_from("splats", options.as_dict() | by_survey | by_cell, used)
     training = TrainingOptions.of(options, options.recipe, **options.model_dump(include=_TRAINING))
-    views, held_out = _view_sets(frames, poses, kept, masking, training)
+    chosen = split_views(frames, poses, kept)
+    cell = cells[chunk - 1] if chunk else None
+    if cell is not None:
+        chosen = chosen[0] & cell.frames, chosen[1] & cell.holds(poses.read("camera_to_world")[:, :3, 3])
+    views, held_out = _view_sets(frames, poses, chosen, masking, training)
+    if gather:
+        _gather(output, record, gather, cells, (views, held_out), poses)
+        return
+    views = replace(views, near=cell and partial(cell.holds, wider=True))
     objective: Objective = L1Ssim(training.ssim_lambda)
     if language_inputs:
         targets = CodeTargets(*language_inputs, views.device)
@@ -112,7 +134,7 @@ def _import(
     masking = open_masking("none", frames, {})
     every = np.ones(frames.shape("rgb")[0], bool)
     # What the other program trained on is not known: evaluation frames are rendered, and may be among it.
-    views, held_out = _view_sets(frames, poses, every, masking, training)
+    views, held_out = _view_sets(frames, poses, split_views(frames, poses, every), masking, training)
     scene = TrainedScene(gaussians, training.render, views.camera, gaussians.sh_degree)
     facts = {"iteration": 0, "skipped_rows": 0, "training_s": 0.0, "history_s": [], "source": source}
     extent = scene_extent(views.camera_to_world, options.near_plane)
@@ -123,10 +145,9 @@ def _import(
 
 
 def _view_sets(
-    frames: Artifact, poses: Artifact, kept: Mask, masking: Masking, options: TrainingOptions
+    frames: Artifact, poses: Artifact, chosen: Sequence[Mask], masking: Masking, options: TrainingOptions
 ) -> tuple[Views, Views]:
     """Read the training views and those held out."""
-    chosen = split_views(frames, poses, kept)
     device = training_device(options.render.backend)
     # Held-out frames are scored on all pixels that show the scene: masks must not make a score better.
     given, held_out = (read_views(frames, poses, rows, device) for rows in chosen)
@@ -189,6 +210,44 @@ def _write(
     log(
         f"{scene.gaussians.count} Gaussians after {state.iteration} iterations; held out{_summary(scores, corrections)}"
     )
+
+
+def _gather(
+    output: Path,
+    record: Provenance,
+    paths: Sequence[Path],
+    cells: Sequence[Cell],
+    sets: tuple[Views, Views],
+    poses: Artifact,
+) -> None:
+    """Make one scene of the artifacts of all cells, and evaluate and write it."""
+    parts, (views, held_out) = [open_artifact(path, SPLATS) for path in paths], sets
+    for number, part in enumerate(parts, 1):
+        made, wanted = part.provenance, replace(record, options={**record.options, "cell": number})
+        if any(made[name] != getattr(wanted, name) for name in ("options", "inputs", "code", "versions")):
+            again = "by other options, inputs or code; remove it, and run the same again"
+            raise UserError(f"{part.path}: is not cell {number}, or {again}")
+    corrected, offsets = {}, np.zeros((len(cells), 6))
+    if parts[0].has("corrections/gain"):
+        corrected, offsets = join_corrections(parts, cells, poses.read("camera_to_world")[:, :3, 3])
+    gaussians = join_gaussians(parts, cells, offsets).to(views.device)
+    scene = replace(read_trained_scene(parts[0], record.options["backend"]), gaussians=gaussians)
+    facts = _facts(scene, views, held_out, scene_extent(views.camera_to_world, scene.settings.near_plane))
+    facts = dict(parts[0].facts) | facts | {"history_s": []}
+    facts |= {name: sum(part.facts[name] for part in parts) for name in ("skipped_rows", "training_s")}
+    costs = [{name: part.provenance[name] for name in record.cost()} for part in parts]
+    with create(output, SPLATS, replace(record, gathered=costs)) as artifact:
+        if corrected:
+            _put_held_out(artifact, scene, held_out, "_given")
+            for name, values in corrected.items():
+                artifact.put(f"corrections/{name}", values)
+            compression = np.mean([part.facts["highlight_compression"] for part in parts])
+            facts["highlight_compression"] = float(compression)
+            pose, gain = (corrected[name][held_out.frame] for name in ("camera_to_world", "gain"))
+            tone = {"log_gain": torch.from_numpy(np.log(gain)), "compression": torch.tensor([compression])}
+            held_out = replace(held_out, camera_to_world=pose, **tone)
+        scores = _put(artifact, scene, Curves(), held_out, facts)
+    log(f"{gaussians.count} Gaussians of {len(cells)} cells; held out{_summary(scores, None)}")
 
 
 def _put_corrections(

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from egosplat.pipeline.options import Options, Share
+from egosplat.pipeline.options import Natural, Options, Share
 
 
 class SurveyOptions(Options):
@@ -20,3 +20,7 @@ class SurveyOptions(Options):
     """Skip a training frame if the camera moved less than this (degrees of rotation plus parallax) since the last
     kept frame. At least one frame per second is kept. Larger is faster and gives fewer views. In a static scene the
     Gaussians train on all frames, because that takes no longer. 0 keeps all, and needs no survey."""
+
+    cell_views: Natural = 600
+    """Largest number of training frames that add a view in a cell. A recording with more is trained in cells, each by a job of its
+    own with all the iterations and Gaussians of splats (docs/method.md#cells). 0, and without a survey: in one."""

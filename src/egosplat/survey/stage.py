@@ -10,15 +10,16 @@ from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.geometry import Camera
-from egosplat.pipeline.survey_file import digest_of_frames
+from egosplat.pipeline.survey_file import digest_of
 from egosplat.pipeline.validation import write_document
 from egosplat.progress import log
+from egosplat.survey.cells import find_cells
 from egosplat.survey.decisions import decide_camera, decide_motion, median
 from egosplat.survey.motion import measure_motion
 from egosplat.survey.options import SurveyOptions
 from egosplat.survey.views import choose_views, median_depths
 
-FORMAT_VERSION = 7
+FORMAT_VERSION = 8
 
 
 def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOptions) -> None:
@@ -34,7 +35,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
         "origin": record.origin,
         "motion": decide_motion(motion, options.min_moving_share),
         "camera": decide_camera(motion),
-        "views": _views(frames, poses, options.min_view_change_deg),
+        **_views(frames, poses, options),
         "poses": {
             "source": source,
             "registered": int(poses.read("registered").sum()),
@@ -50,20 +51,26 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
     wanted = ["poses are refined"] * refined + ["exposure is compensated"] * compensated
     log(f"camera: {', '.join(wanted) or 'needs no correction'}")
     log(f"views: {len(views['kept'])} frames kept, {len(views['left_out'])} dropped: too small a view change")
+    if cells := document["cells"]:
+        log(f"cells: of {', '.join(str(len(cell['frames'])) for cell in cells)} training frames")
 
 
-def _views(frames: Artifact, poses: Artifact, least_deg: float) -> dict[str, Any]:
+def _views(frames: Artifact, poses: Artifact, options: SurveyOptions) -> dict[str, Any]:
+    """The sections ``views`` and ``cells``."""
     _, height, width, _ = frames.shape("rgb")
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height)
+    train, registered = frames.read("train"), poses.read("registered")
     camera_to_world = poses.read("camera_to_world")
-    depths = median_depths(camera, camera_to_world, poses.read("registered"), poses.read("points/xyz"))
-    times_ns, optional = frames.read("timestamp_ns"), frames.read("train") & ~frames.read("evaluation")
-    kept = choose_views(camera_to_world, depths, times_ns, optional, least_deg)
-    kept_frames = np.flatnonzero(kept)
-    return {
-        "kept": kept_frames.tolist(),
+    depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
+    times_ns, optional = frames.read("timestamp_ns"), train & ~frames.read("evaluation")
+    kept = choose_views(camera_to_world, depths, times_ns, optional, options.min_view_change_deg)
+    kept_frames, usable = np.flatnonzero(kept).tolist(), train & registered
+    views = {
+        "kept": kept_frames,
         "left_out": np.flatnonzero(~kept).tolist(),
-        "min_view_change_deg": least_deg,
+        "min_view_change_deg": options.min_view_change_deg,
         "median_depth_m": median(depths),
-        "digest": digest_of_frames(kept_frames),
+        "digest": digest_of(kept_frames),
     }
+    ground = camera_to_world, depths, usable, usable & kept, poses.read("up")
+    return {"views": views, "cells": find_cells(*ground, options.cell_views)}

@@ -262,15 +262,6 @@ def test_a_user_s_own_folder_is_never_advised_to_be_removed(tmp_path, content):
         assert "rm " not in str(caught.value) and "snakemake" not in str(caught.value)
 
 
-def test_a_damaged_result_names_the_command_that_rebuilds_it(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    folder = tmp_path / "my work" / "results/adt/scene1/frames.zarr"
-    folder.mkdir(parents=True)
-    again = r"Rebuild it: rm -r '.*my work.*' && cd '.*my work' && snakemake"
-    with pytest.raises(ArtifactError, match=again):
-        open_artifact(folder, TINY)
-
-
 KILLED = """
 import signal, sys, time, numpy as np
 from pathlib import Path

@@ -113,18 +113,6 @@ def test_gradients_are_averaged_over_the_views_that_see_a_gaussian() -> None:
     assert after.count == 4 and torch.equal(after.means[3], after.means[1])
 
 
-def test_several_cameras_count_like_one_after_the_other() -> None:
-    # The gradient of a mean over two cameras is half that of each alone.
-    grads = torch.tensor([[[0.3, 0.0]], [[0.0, 0.6]]])
-    radii = torch.tensor([[[4, 2]], [[7, 1]]], dtype=torch.int32)
-    together, apart = control(), control()
-    together.observe(grads / 2, radii, 64, 48)
-    for camera in range(2):
-        apart.observe(grads[camera : camera + 1], radii[camera : camera + 1], 64, 48)
-    for name, tensor in together.state_dict().items():
-        torch.testing.assert_close(tensor, apart.state_dict()[name])
-
-
 @pytest.mark.parametrize(
     ("budget", "pruned", "added"),
     [(6, [], [3]), (7, [], [1, 3]), (100, [], [0, 1, 3]), (5, [], []), (2, [], []), (5, [0], [3])],
@@ -217,14 +205,3 @@ def test_a_reset_lowers_opacities_and_forgets_their_moments_alone() -> None:
     state = optimizer.state_dict()
     assert not state["moments"]["logit_opacities"].any()
     assert state["moments"]["means"].all() and gaussians.logit_opacities.requires_grad
-
-
-def test_observations_that_do_not_fit_are_rejected() -> None:
-    density = control()
-    with pytest.raises(ValueError, match="radii"):
-        density.observe(torch.zeros(1, 3, 2), torch.zeros(1, 2, 2), 8, 8)
-    observe(density, [0.0, 0.0])
-    with pytest.raises(ValueError, match="3 .*2"):
-        observe(density, [0.0, 0.0, 0.0])
-    with pytest.raises(ValueError, match="3 .*2"):
-        step(density, NOW, with_moments(make(3)))

@@ -1,12 +1,11 @@
 """Initial Gaussians have 3DGS's values at finite points; random points lie in the viewing volumes."""
 
 import numpy as np
-import pytest
 import torch
 
 from egosplat.gaussians.initialization import SH_C0, from_points, random_points, seen
 from egosplat.gaussians.model import Gaussians
-from egosplat.geometry import Camera, invert, make_pose, transform
+from egosplat.geometry import Camera, make_pose
 
 CAMERA = Camera(64, 48, 40.0, 40.0, 32.0, 24.0)
 
@@ -44,12 +43,6 @@ def test_budget_keeps_a_seeded_subset() -> None:
     assert start(xyz, max_points=100).count == 100
 
 
-@pytest.mark.parametrize("rgb", [np.zeros((4, 3)), np.zeros((3, 3), np.uint8)])
-def test_mismatched_colors_are_rejected(rgb: np.ndarray) -> None:
-    with pytest.raises(ValueError, match="uint8"):
-        start(np.zeros((4, 3)), rgb)
-
-
 def test_visibility_is_checked_in_all_cameras() -> None:
     points = np.array(
         [[0, 0, 2.0], [0, 0, -2.0], [0, 0, 0.05], [9.0, 0, 2.0], [5.0, 0, 2.0], [np.nan, 0, 2.0]]
@@ -72,13 +65,3 @@ def test_random_points_can_all_be_seen_and_follow_the_seed() -> None:
     other, _ = random_points(500, CAMERA, cameras, near_plane=0.1, seed=5)
     assert np.array_equal(points, again) and not np.array_equal(points, other)
     assert start(points, rgb).count == 500
-
-
-def test_random_points_fill_the_pyramid_evenly() -> None:
-    camera_to_world = poses((0, 0, 0))
-    points, _ = random_points(8000, CAMERA, camera_to_world, near_plane=0.1, seed=0)
-    local = transform(invert(camera_to_world[0]), points)
-    # Half of the volume lies beyond far / 2^(1/3); far is near_plane + 3 extents of 1 m.
-    assert np.mean(local[:, 2] > 3.1 / 2 ** (1 / 3)) == pytest.approx(0.5, abs=0.02)
-    u = CAMERA.project(local)[:, 0]
-    assert np.mean(u < 16) == pytest.approx(0.25, abs=0.02)

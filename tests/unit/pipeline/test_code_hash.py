@@ -103,12 +103,6 @@ def stage_hash(tmp_path, monkeypatch):
         # Values of options are parameters of the rule.
         ("helper.py", "3000", "7000", True),
         ("helper.py", "Count = 3000", "Natural = 3000\n    seed: int = 0", True),
-        (
-            "helper.py",
-            "class Helper",
-            "class OtherOptions(Options):\n    size: int = 1\n\n\nclass Helper",
-            True,
-        ),
         ("helper.py", "2 *", "3 *", False),
         ("helper.py", "(Options)", "", False),
         # Templates beside a module that is reached, not those beside a package alone.
@@ -158,15 +152,11 @@ const char* text = "a // b";
     "old, new, same",
     [
         ("// Doubles.", "// Makes it two\n// times as large.", True),
-        ("2.0f * x", "2.0f /* not\n 3 */ * x", True),
         ("{ return 2.0f * x; }", "{\n\n\treturn 2.0f*x;\n}", True),
-        ("#include <cmath>", "#  include <cmath>   // sqrt", True),
         ("((x) + (x))", "\\\n    ((x) + (x))", True),
-        ("float twice", "\n\nfloat\ntwice", True),
         ("2.0f", "2.5f", False),
         ('"a // b"', '"a // c"', False),
         ("x; }", "x; } // }\n}", False),
-        ("(x) + (x))\n", "(x) + (x)) +\n", False),
         ("TWICE(x) (", "TWICE (x) (", False),
         ("<cmath>\n", "<cmath> ", False),
         ("// Doubles.", "#define MORE", False),

@@ -35,6 +35,7 @@ def survey(masking: str, frames: int = 4) -> dict[str, dict]:
         "motion": {"masking": masking},
         "camera": {"refine_poses": True, "compensate_exposure": False},
         "views": {"kept": [0, 1], "digest": "of-kept-frames"},
+        "cells": [],
         "poses": {"frames": frames},
     }
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from egosplat.segments import classical
-from egosplat.segments.classical import find_origins, open_tracks, propagate, segment_video
+from egosplat.segments.classical import segment_video
 from egosplat.segments.video import Video
 
 SIDE = 128
@@ -75,31 +75,6 @@ def test_invalid_pixels_have_no_region_and_no_influence():
     assert (segment(image, np.zeros_like(valid)) == -1).all()
 
 
-def test_textures_of_equal_mean_color_are_separated():
-    rng = np.random.default_rng(4)
-    amplitude = np.where(np.arange(128) < 64, 4, 90)[None, :, None]
-    image = (120 + amplitude * rng.uniform(-1, 1, (128, 128, 1)) + np.zeros(3)).astype(np.uint8)
-    levels = segment(image)
-    left = np.broadcast_to(np.arange(128) < 64, (128, 128))
-    assert best_iou(levels, left) > 0.85
-
-
-def test_small_and_thin_regions_are_merged_into_similar_neighbors(monkeypatch):
-    image = np.full((128, 128, 3), (200, 40, 40), dtype=np.uint8)
-    image[:, 64:] = (40, 40, 200)
-    image[60:62, 63:65] = (190, 50, 50)
-    image[:, 30] = (180, 60, 60)
-    found = []
-    for area, width in ((1e-4, 0.0), (1e-3, 9.0)):
-        monkeypatch.setattr(classical, "_LEAST_AREA", area)
-        monkeypatch.setattr(classical, "_LEAST_WIDTH", width)
-        found.append(segment(image)[0])
-    kept, cleaned = found
-    assert len(np.unique(cleaned)) <= 3 < len(np.unique(kept))
-    assert set(cleaned[:, 30]) <= {cleaned[0, 10], cleaned[0, 50]}
-    assert cleaned[60, 50] != cleaned[60, 80]
-
-
 @pytest.mark.parametrize("shape", [(1, 1), (1, 9), (2, 3), (8, 8), (37, 61), (200, 5)])
 def test_odd_and_tiny_pictures_are_segmented_and_tracked(shape):
     image = np.random.default_rng(6).integers(0, 256, (*shape, 3), dtype=np.uint8)
@@ -144,27 +119,6 @@ def test_new_objects_get_new_tracks_and_lost_ones_end():
     assert new not in before
     assert iou(during == new, mask) > 0.8
     assert not (after == new)[~mask].any()
-
-
-def test_large_uncovered_regions_become_tracks():
-    regions = np.repeat(np.array([[0, 0, 1, 2, -1]], dtype=np.int32), 4, axis=0)
-    labels = np.repeat(np.array([[5, -1, -1, -1, -1]], dtype=np.int32), 4, axis=0)
-    labels[1:, 3] = 6
-    opened = open_tracks(labels, regions, 9, least_pixels=4)
-    assert opened[0].tolist() == [5, 9, 10, -1, -1]
-    assert opened[1:, 3].tolist() == [6, 6, 6]
-
-
-def test_pictures_larger_than_the_flow_are_tracked_alike(monkeypatch):
-    scale = {"dsize": (512, 512), "interpolation": cv2.INTER_NEAREST}
-    (before, mask), (after, moved) = (
-        [cv2.resize(each.astype(np.uint8), **scale) for each in frame(column)] for column in (20, 26)
-    )
-    fine = classical.partition(classical.WorkingImage(after, np.ones((512, 512), bool)))[0]
-    monkeypatch.setattr(classical, "_SIDE", 128)
-    images = (classical.WorkingImage(image, fine >= 0) for image in (before, after))
-    labels = propagate(mask.astype(np.int32), *find_origins(*images), fine)
-    assert iou(labels == 1, moved > 0) > 0.9
 
 
 def test_a_box_keeps_its_track_and_pixels_that_a_frame_leaves_out_have_no_label():

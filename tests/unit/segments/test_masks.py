@@ -68,31 +68,3 @@ ALIKE = [(0, 0, 20, 20), (0, 0, 20, 21), (25, 25, 35, 35)]
 def test_nested_overlapping_and_bad_masks_are_dropped(corners, scores, inner, kept):
     limits = replace(LIMITS, nms_inner_thresh=inner)
     assert mask_nms(squares(*corners), torch.tensor(scores), limits).tolist() == kept
-
-
-@pytest.mark.parametrize("count", [0, 1])
-def test_nms_keeps_no_mask_and_one_mask(count):
-    masks, scores = squares(*[(0, 0, 5, 5)] * count), torch.full((count,), 0.9)
-    assert mask_nms(masks, scores, LIMITS).tolist() == [True] * count
-    assert len(box_nms(masks, scores, 0.7)) == count
-    assert mask_iou(masks, masks).shape == (count, count)
-    assert stability_score(masks.float(), 0.5).shape == (count,)
-
-
-def test_mask_nms_matches_the_pairwise_definition():
-    generator = torch.Generator().manual_seed(0)
-    for _ in range(20):
-        corners = torch.randint(0, 30, (12, 2), generator=generator)
-        sizes = torch.randint(2, 30, (12, 2), generator=generator)
-        masks = squares(*torch.cat([corners, corners + sizes], dim=1).tolist())
-        scores = torch.rand(12, generator=generator) * 0.5 + 0.5
-        kept = mask_nms(masks, scores, LIMITS)
-        for j in range(12):
-            stays = bool(scores[j] > 0.7)
-            for i in range(12):
-                shared = float((masks[i] & masks[j]).sum())
-                outer, inner = shared / float(masks[i].sum()), shared / float(masks[j].sum())
-                union = float((masks[i] | masks[j]).sum())
-                stays &= not (i != j and scores[i] > scores[j] and shared / union > 0.8)
-                stays &= not (outer < 0.5 and inner >= 0.85 and 1 - outer * inner > 0.5)
-            assert bool(kept[j]) == stays

@@ -34,11 +34,6 @@ def test_instances_that_overlap_in_their_common_frames_are_the_same():
     assert found.same(4) == [(0, 4)]
 
 
-def test_one_common_frame_suffices_only_in_a_video_of_one_frame():
-    found = overlaps({0: (0, 10), 1: (0, 10)}, {})
-    assert found.same(30) == [] and found.same(1) == [(0, 1)]
-
-
 def test_pairs_within_a_set_are_not_counted_between_two_sets():
     found, later, earlier = Overlaps(), ([5, 6], masks((0, 10), (0, 10))), ([0, 2], masks((0, 9), (15, 20)))
     for _ in range(2):

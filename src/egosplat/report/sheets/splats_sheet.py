@@ -44,7 +44,7 @@ def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
         _draw_poses(from_above, splats)
         _draw_gains(over_time, splats)
     left, right = split_page(page, 1, 2, width_ratios=(4.6, columns * cell + 0.8))
-    if len(splats.read("curve/iteration")):  # otherwise Gaussians of another program
+    if len(splats.read("curve/iteration")):  # otherwise Gaussians of another program, or of cells
         _draw_curves(left.subplots(3, 1, sharex=True), splats)
     grid, error = empty_grid(right, 3, columns), None
     for column, row in zip(grid.T, shown, strict=False):
