@@ -50,7 +50,7 @@ SETTINGS: dict[str, str | None] = {
 # What --release adds.
 BY_PIXELS = ("semantic_gaussians", "gags", "langsplat", "langsplat2", "splat_feature_solver")
 RELEASE = (
-    *("accurate", "lerf", "legaussians"),
+    *("quick", "accurate", "lerf", "legaussians"),
     *(f"{method}{by}" for method in BY_PIXELS for by in ("", "_pixels")),
 )
 

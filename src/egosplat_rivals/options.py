@@ -40,7 +40,7 @@ class TradeoffOptions(Options, section="tradeoff"):
     )
     """Scenes of the joint page, as dataset/scene."""
 
-    variants: Annotated[tuple[Text, ...], UNIQUE] = ("draft", "balanced", "accurate", "paper_scaled")
+    variants: Annotated[tuple[Text, ...], UNIQUE] = ("draft", "quick", "balanced", "accurate", "paper_scaled")
     """Presets and variants to compare with the scene. Each preset is a variant with the scene's recording and models;
     paper_scaled is the preset paper at the scene's own resolution and focal length. One that changes nothing is left
     out."""

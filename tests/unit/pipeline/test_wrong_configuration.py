@@ -53,7 +53,7 @@ FAULTS = [
     ({"tradeoff": {"variants": ["a", "a"]}}, "tradeoff.variants = .* no repeated items"),
     ({"poses": {"matching": "exhausting"}}, "poses.matching .* auto, exhaustive, sequential .* 'exhaustive'"),
     ({"query": {"canonical": [3]}}, "query.canonical.0 = 3 .* string"),
-    ({"preset": "drafty"}, "preset = 'drafty' .* accurate, balanced, draft, paper .*'draft'"),
+    ({"preset": "drafty"}, "preset = 'drafty' .* accurate, balanced, draft, paper, quick .*'draft'"),
     ({"data_root": {"adt": ""}}, "data_root.adt = '' .* at least 1"),
     ({"data_root": {False: "/x"}}, "data_root.* is not allowed"),
     ({"data_root": {"adtt": "/data"}}, "data_root.adtt"),
