@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from egosplat.viewing.html import facts_of
 from tests.conftest import ROOT
 from tests.support.warm import warm_stages
 from tests.unit.frames.conftest import write_video
@@ -54,7 +55,10 @@ def test_a_video_becomes_a_scene_that_answers(clip, tmp_path):
     rules = set(re.findall(r"\(Rule: (\w+)\)", done.stderr))
     assert {"frames", "poses", "splats", "language", "scene_page"} <= rules
     assert re.search(r"^couch +\S", done.stdout, re.MULTILINE) and "wooden door" in done.stdout
-    assert (folder / "results/mine/wall/scene.html").is_file()
+    page = (folder / "results/mine/wall/scene.html").read_text()
+    names = shlex.join(thing["phrase"] for thing in facts_of(page)["catalog"][:3])
+    suggested = f"query results/mine/wall {names} " if names else "catalog results/mine/wall\n"
+    assert f"  egosplat {suggested}" in done.stderr
     assert {path.name for path in folder.iterdir()} == {"config", "logs", "results", ".snakemake"}
     log = (folder / "logs/mine/wall/splats.log").read_text()
     assert all(line.startswith("splats: ") for line in log.splitlines())

@@ -243,6 +243,7 @@ def run(
 ) -> None:
     log(without_secrets(f"{source}: looking at the recording"))
     from egosplat.run.command import make_scene
+    from egosplat.viewing.html import facts_of
 
     if bool(words) != asked or not all(map(str.strip, words)):
         raise click.UsageError("give one recording, and words to ask for behind --words, none of them empty")
@@ -265,7 +266,9 @@ def run(
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     page = folder / "scene.html"
     log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {page}; logs: {logs}", always=True)
-    log(f"  egosplat query {where} chair table cup    where is it?")
+    listed = facts_of(page.read_text(encoding="utf-8"))["catalog"]
+    names = shlex.join([thing["phrase"] for thing in listed[:3]])
+    log(f"  egosplat query {where} {names}    where is it?" if names else f"  egosplat catalog {where}")
     log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
     if server:
         from egosplat.viewing.command import show as show_page
