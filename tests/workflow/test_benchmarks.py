@@ -11,7 +11,6 @@ from click.testing import CliRunner
 
 from benchmarks.colmap import __main__ as colmap
 from benchmarks.figures import score_table
-from benchmarks.language import __main__ as language
 from benchmarks.misses.__main__ import CAUSES
 from benchmarks.robustness import __main__ as robustness
 from benchmarks.robustness.scene import ARTIFACTS, Scene
@@ -127,13 +126,6 @@ def test_instances(scene):
     assert [row["change"] for row in rows] == ["segments.zarr", "defaults", "no merging"]
     count = [int(row["instances"]) for row in rows]
     assert 0 < count[1] < count[2]
-
-
-@pytest.mark.parametrize("way", language.WAYS)
-def test_language(scene, way):
-    found = json.loads(run("language.__main__", scene, "--iterations", 2, "--way", way))
-    assert len(found["cosines"]) == 3 and all(-1 <= cosine <= 1 for cosine in found["cosines"])
-    assert found["seconds"] > 0 and found["peak_mb"] > 0
 
 
 def test_presence(scene, tmp_path):

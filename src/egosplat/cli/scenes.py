@@ -262,12 +262,10 @@ def run(
     if words:
         assert query.callback is not None
         query.callback(folder, words, AskingOptions())
-    where, logs = shlex.quote(str(folder)), Path("logs", *folder.parts[1:])
+    where, logs, page = shlex.quote(str(folder)), Path("logs", *folder.parts[1:]), folder / "scene.html"
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
-    page = folder / "scene.html"
     log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {page}; logs: {logs}", always=True)
-    listed = facts_of(page.read_text(encoding="utf-8"))["catalog"]
-    names = shlex.join([thing["phrase"] for thing in listed[:3]])
+    names = shlex.join([one["phrase"] for one in facts_of(page.read_text("utf-8"))["catalog"]][:3])
     log(f"  egosplat query {where} {names}    where is it?" if names else f"  egosplat catalog {where}")
     log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
     if server:

@@ -25,7 +25,6 @@ Ints = NDArray[np.int32]
 # OpenCLIP's preprocessing uses PIL's resampling, which smooths when it shrinks an image; OpenCV's does not.
 RESAMPLING = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}
 
-
 # An instance that a frame shows, with the pixels of its mask, and x0, y0, x1, y1 around these with exclusive ends [px].
 VIEW = np.dtype([("instance", np.int32), ("frame", np.int32), ("area", np.int32), ("box", np.int32, (4,))])
 

@@ -36,7 +36,6 @@ INPUT = Preprocessing((260, 260), (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), "bicubic")
 # each layer: half of the time went into page faults.
 _PICTURES = 4
 
-
 # Tokens that begin and end a text, that stand for what is not in the vocabulary, and that fill a shorter text.
 _BEGIN, _END, _UNKNOWN, _FILL = "[CLS]", "[SEP]", "[UNK]", "[PAD]"
 

@@ -19,6 +19,7 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "transient": {"encoder_weights": None},
     "query": {"temperature": 10.0, "min_score": 0.7, "size_weight": 0.25},
 }
+_OF_PHOTOS = {"min_score": 0.62, "size_weight": 0.0, "box_filter": 0.12, "present_share": 0.42}
 _OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 
 # Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the defaults of the
@@ -29,7 +30,7 @@ DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     PHOTOS: _OF_SMALL
     | {
         "models": _OF_SMALL["models"] | {"clip_model": PHOTOS, "clip_checkpoint": PHOTOS},
-        "query": {"temperature": 10.0, "min_score": 0.62, "size_weight": 0.0},
+        "query": _OF_SMALL["query"] | _OF_PHOTOS,
     },
     PUBLISHED: {
         "models": _OF_THE_PAPER | dict.fromkeys(("sam2_checkpoint", "clip_checkpoint"), PUBLISHED),

@@ -8,7 +8,7 @@ import torch
 from egosplat.models.checkpoints import CLIP, model_hash
 from egosplat.query import grades
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, by_probability, by_score
-from egosplat.query.options import QueryOptions
+from egosplat.query.options import AskingOptions, QueryOptions
 from egosplat.query.text import Texts, other_meanings
 from tests.support.langsplat import LANGSPLAT
 
@@ -25,9 +25,10 @@ OTHERS = {"temperature": 5.0, "min_score": 0.5, "box_filter": 0.0, "segmentation
 OTHERS |= {"canonical": ("thing",), "size_weight": 0.0}
 
 
-def test_a_fit_holds_for_its_openclip_and_its_keys_alone_and_the_bundled_one_has_a_fit(monkeypatch):
-    bundled = model_hash(CLIP, {"clip_model": "small", "clip_checkpoint": "small"})
-    assert grades.grading_of(bundled, QueryOptions()).calibration is not None
+def test_a_fit_holds_for_its_openclip_and_its_keys_alone_and_the_bundled_ones_have_fits(monkeypatch):
+    for name in ("small", "photos"):
+        bundled = model_hash(CLIP, {"clip_model": name, "clip_checkpoint": name})
+        assert grades.grading_of(bundled, AskingOptions().suit(name)).calibration is not None
     weights = {"level": 2.0, "fit": 3.0, "apart": 4.0, "lead": 5.0}
     row = grades.held_keys(QueryOptions()) | {name: str(weight) for name, weight in weights.items()}
     row |= {"intercept": "-1", "present_share": "0.4", "misplaced": "0.2"}
