@@ -33,7 +33,6 @@ QUICK = {
         "from egosplat.cli import cli; cli.get_command(None, 'query')",
         "torch numpy cv2 zarr snakemake",
     ),
-    "torch": ("from egosplat.cli.flags import *\nwith without_collection(): import torch", "torch._decomp"),
     "hashes of models": (f"{ASK_FOR_HASHES}({{'models': {MODELS}}})", "torch sam2 open_clip hydra"),
 }
 

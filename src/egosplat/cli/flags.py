@@ -3,11 +3,9 @@
 import gc
 import json
 import re
-import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import click
@@ -21,8 +19,6 @@ from egosplat.pipeline.variants import PRESET_FILES
 from egosplat.progress import hush_log
 
 ARTIFACT = click.Path(path_type=Path)
-
-_STAND_IN = ModuleType("torch._meta_registrations")
 
 OVERWRITE: dict[str, Any] = {"is_flag": True, "help": "Replace the file of --output if it is there."}
 
@@ -47,14 +43,11 @@ CHUNKS: dict[str, dict[str, Any]] = {
 @contextmanager
 def without_collection() -> Iterator[None]:
     """Search for no garbage inside this context, and never again among what is left of it: while torch is imported, its half a
-    million objects are searched tens of times. And import torch without what only its compiler uses, a quarter of its time."""
+    million objects are searched tens of times."""
     gc.disable()
-    sys.modules.setdefault(_STAND_IN.__name__, _STAND_IN)
     try:
         yield
     finally:
-        if sys.modules[_STAND_IN.__name__] is _STAND_IN:
-            del sys.modules[_STAND_IN.__name__]
         gc.freeze()
         gc.enable()
 
