@@ -53,7 +53,7 @@ def test_the_story_has_every_picture_and_the_scene_and_is_in_the_report(workdir,
     workdir.run("results/adt/scene1/story.html")
     story = (workdir.folder / "results/adt/scene1/story.html").read_text()
     assert story.count("data:image/webp") == len(workdir.PAGES) and "<iframe" in story
-    assert "No key asks for a survey" in story and "instances move" in story and "queries point at" in story
+    assert "there is no survey" in story and "instances move" in story and "queries point at" in story
     page = report(workdir, tmp_path / "report.html", "--", "results/adt/scene1/story.html")
     assert "results/adt/scene1/story.html" in rows(page) and '"Overview"' in page
 

@@ -138,7 +138,6 @@ WITHOUT_EFFECT = (
     ("poses/colmap.py", "\ndef colmap_poses", "\n# why\ndef colmap_poses"),
     ("poses/adt.py", '"""', '"""New words. '),
     ("progress.py", "_SECONDS_BETWEEN_LINES = 10.0", "_SECONDS_BETWEEN_LINES = 5.0"),
-    ("models/small_sam2/sam2.yaml", "model:", "# A comment.\nmodel:"),
     # Words of errors, log lines and progress.
     ("geometry.py", "a time lies outside the trajectory", "a time is outside of the trajectory"),
     ("files.py", "give another --output", "name another --output"),

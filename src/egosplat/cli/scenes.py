@@ -265,7 +265,8 @@ def run(
     where, logs, page = shlex.quote(str(folder)), Path("logs", *folder.parts[1:]), folder / "scene.html"
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {page}; logs: {logs}", always=True)
-    names = shlex.join([one["phrase"] for one in facts_of(page.read_text("utf-8"))["catalog"]][:3])
+    listed = facts_of(page.read_text("utf-8")).get("catalog", [])
+    names = shlex.join([one["phrase"] for one in listed[:3]])
     log(f"  egosplat query {where} {names}    where is it?" if names else f"  egosplat catalog {where}")
     log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
     if server:

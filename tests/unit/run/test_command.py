@@ -87,8 +87,10 @@ def test_what_to_ask_is_told_and_asked_and_the_browser_opens(calls, tmp_path, mo
     monkeypatch.setattr("egosplat.viewing.command.show", lambda server, folder, options: shown.append(folder))
     monkeypatch.setattr("webbrowser.open", shown.append)
     run = ["run", str(tmp_path / "photos"), "--name", "home/hall"]
+    (page := Path("results/home/hall/scene.html")).parent.mkdir(parents=True)
+    page.touch()
     told = run_command(*run)[2]
-    assert "egosplat query results/home/hall " in told and "egosplat view results/home/hall" in told
+    assert "egosplat catalog results/home/hall" in told and "egosplat view results/home/hall" in told
     assert " MB; " in told and "results/home/hall/scene.html; logs: logs/home/hall\n" in told
     monkeypatch.setattr(scenes.query, "callback", lambda folder, words, options: asked.extend(words))
     assert run_command(*run, "--cores", 2, "--words", "couch", "cup")[0] == 0 and asked == ["couch", "cup"]
