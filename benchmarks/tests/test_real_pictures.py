@@ -17,10 +17,6 @@ from egosplat.frames.selection import split_frames
 CONFIG = yaml.safe_load((HERE / "config.yaml").read_text())
 
 
-def square(id: int, left: int, top: int, right: int, bottom: int) -> dict:
-    return {"id": id, "polygon": [[left, top], [right, top], [right, bottom], [left, bottom]]}
-
-
 @pytest.fixture
 def pictures(tmp_path):
     """Grey pictures of the names and the size of the recording's."""
@@ -29,12 +25,6 @@ def pictures(tmp_path):
     for name in [*DRAWN["pictures"], "1341847999.000000.png"]:
         Image.new("RGB", (CAMERA["width"], CAMERA["height"]), "grey").save(folder / name)
     return folder
-
-
-def test_the_pixels_of_an_outline_belong_to_it_and_later_outlines_lie_on_top():
-    ids = rasterize([square(7, 1, 1, 5, 4), square(3, 4, 3, 8, 6)], width=10, height=8)
-    assert ids.shape == (8, 10) and (ids[1:3, 1:6] == 7).all() and (ids[3:7, 4:9] == 3).all()
-    assert not ids[0].any() and not ids[:, 9].any()
 
 
 def test_the_drawn_pictures_are_the_evaluated_ones():

@@ -19,7 +19,7 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
     "transient": {"encoder_weights": None},
     "query": {"temperature": 10.0, "min_score": 0.7, "size_weight": 0.25},
 }
-_OF_PHOTOS = {"min_score": 0.62, "size_weight": 0.0, "box_filter": 0.12, "present_share": 0.42}
+_OF_PHOTOS = {"min_score": 0.62, "size_weight": 0.0, "box_filter": 0.12, "present_share": 0.55}
 _OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 
 # Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the defaults of the
