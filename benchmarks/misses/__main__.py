@@ -93,12 +93,12 @@ def measure_overlap(scene: Scene, views: CodeViews) -> Overlap:
     count, things = instances.shape("instances/level")[0], len(truth.names)
     # The last row counts all pixels of a thing, the one before those that are masked.
     common, own = np.zeros((count + 2, things)), np.zeros(count)
-    trained = set(views.frame.tolist())
+    row_of = {frame: row for row, frame in enumerate(views.frame.tolist())}
     for frame, labels in enumerate(truth.all_labels()):
-        if frame not in trained:
+        if frame not in row_of:
             continue
-        masked = views.masking.frames(np.array([frame]))
-        hidden = np.zeros(labels.shape, bool) if masked is None else masked[0].numpy() > 0.5
+        masked = None if views.transient is None else views.transient[row_of[frame]]
+        hidden = np.zeros(labels.shape, bool) if masked is None else masked.numpy() > 0.5
         levels = [*instances.row("labels", frame), np.where(hidden, count, -1), 0 * labels + count + 1]
         for level in levels:
             both = (level >= 0) & (labels >= 0) & scene.valid
