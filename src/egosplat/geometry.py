@@ -59,8 +59,7 @@ class Camera:
 
     def contains(self, pixels: Array) -> NDArray[np.bool_]:
         """(...) bool: which of (..., 2) image points lie inside the image; NaN does not."""
-        u, v = np.moveaxis(np.asarray(pixels, dtype=np.float64), -1, 0)
-        return (u >= 0) & (u < self.width) & (v >= 0) & (v < self.height)
+        return lie_within(np.asarray(pixels), np.array([[0.0, 0.0], [self.width, self.height]]))
 
 
 # ``sensor_from_upright``: maps camera axes of the clockwise-rotated image to those of the sensor image.
@@ -160,3 +159,8 @@ def ground_axes(up: Array) -> Array:
     right = np.cross(helper, up)
     right /= np.linalg.norm(right)
     return np.stack([right, np.cross(up, right)])
+
+
+def lie_within(places: Array, limits: Array) -> NDArray[np.bool_]:
+    """(...) bool: which of (..., A) places lie within (2, A) limits, on the lower ones, too, but not on the upper ones."""
+    return ((places >= limits[0]) & (places < limits[1])).all(axis=-1)

@@ -13,7 +13,7 @@ from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.training_views import Mask
-from egosplat.geometry import Array, ground_axes
+from egosplat.geometry import Array, ground_axes, lie_within
 from egosplat.pipeline.survey_file import digest_of
 from egosplat.pipeline.validation import read_document
 
@@ -30,8 +30,8 @@ class Cell:
 
     def holds(self, points: Array, wider: bool = False) -> Mask:
         """(P,) bool: which of (P, 3) points lie in the cell, or in the ``wider`` part. Each finite point lies in one cell."""
-        places, margin = points @ self.axes.T, self.margin * wider
-        return ((places >= self.limits[0] - margin) & (places < self.limits[1] + margin)).all(axis=1)
+        margin = self.margin * wider
+        return lie_within(points @ self.axes.T, self.limits + np.stack([-margin, margin]))
 
 
 def read_cells(survey_path: Path | None, poses: Artifact) -> tuple[list[Cell], str]:

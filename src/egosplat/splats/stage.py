@@ -141,7 +141,7 @@ def _import(
     with create(output, SPLATS, record) as artifact:
         facts |= _facts(scene, views, held_out, extent)
         scores = _put(artifact, scene, Curves(), held_out, facts)
-    log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores, None)}")
+    log(f"{gaussians.count} Gaussians; evaluation frames{_summary(scores)}")
 
 
 def _view_sets(
@@ -197,7 +197,7 @@ def _write(
     with create(output, SPLATS, record) as artifact:
         if corrections is not None:
             given = _put_held_out(artifact, scene, held_out, "_given")
-            log(f"held out{_summary(given, None)}")
+            log(f"held out{_summary(given)}")
             # What moves is not in the Gaussians: it must not pull at the pose. The scores count it.
             unmasked = replace(held_out, transient=masking.frames(held_out.frame))
             guess = corrections.values_at(held_out.frame)
@@ -207,9 +207,8 @@ def _write(
             facts |= {"scene_depth": corrections.depth, "up": poses.read("up").tolist()}
             facts["highlight_compression"] = float(corrections.compression)
         scores = _put(artifact, scene, state.curves, held_out, facts)
-    log(
-        f"{scene.gaussians.count} Gaussians after {state.iteration} iterations; held out{_summary(scores, corrections)}"
-    )
+    told = _summary(scores, fitted=corrections is not None)
+    log(f"{scene.gaussians.count} Gaussians after {state.iteration} iterations; held out{told}")
 
 
 def _gather(
@@ -247,7 +246,8 @@ def _gather(
             tone = {"log_gain": torch.from_numpy(np.log(gain)), "compression": torch.tensor([compression])}
             held_out = replace(held_out, camera_to_world=pose, **tone)
         scores = _put(artifact, scene, Curves(), held_out, facts)
-    log(f"{gaussians.count} Gaussians of {len(cells)} cells; held out{_summary(scores, None)}")
+    told = _summary(scores, fitted=bool(corrected))
+    log(f"{gaussians.count} Gaussians of {len(cells)} cells; held out{told}")
 
 
 def _put_corrections(
@@ -294,10 +294,10 @@ def _put_held_out(artifact: Writer, scene: TrainedScene, held_out: Views, suffix
     return scores
 
 
-def _summary(scores: Scores, corrections: Corrections | None) -> str:
+def _summary(scores: Scores, *, fitted: bool = False) -> str:
     if not len(scores[0]):
         return ": no frame"
-    poses = "as given" if corrections is None else "with fitted corrections"
+    poses = "with fitted corrections" if fitted else "as given"
     return f" {poses}: {describe(*scores)}"
 
 

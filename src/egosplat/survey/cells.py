@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.geometry import Array, ground_axes
+from egosplat.geometry import Array, ground_axes, lie_within
 from egosplat.survey.views import Bools
 
 # A cell trains on the cameras within this share of its sides, and this many depths, of its border.
@@ -53,10 +53,6 @@ def _halved(places: Array, box: Array, most: int, least: float) -> Iterator[Arra
 
 
 def _cell(box: Array, frames: Array, places: Array, depth: float) -> dict[str, Any]:
-    margin = _MARGIN * np.ptp(places[_inside(places, box)], axis=0) + _DEPTHS * depth
-    near = frames[_inside(places, box + np.stack([-margin, margin]))]
+    margin = _MARGIN * np.ptp(places[lie_within(places, box)], axis=0) + _DEPTHS * depth
+    near = frames[lie_within(places, box + np.stack([-margin, margin]))]
     return {"limits": box.tolist(), "margin": margin.tolist(), "frames": near.tolist()}
-
-
-def _inside(places: Array, box: Array) -> Bools:
-    return ((places >= box[0]) & (places < box[1])).all(axis=1)
