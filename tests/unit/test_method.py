@@ -1,4 +1,4 @@
-"""docs/method.md and docs/paper.md name functions, keys, values and arrays that exist."""
+"""docs/method.md, docs/answers.md and docs/paper.md name functions, keys, values and arrays that exist."""
 
 import re
 from functools import cache
@@ -14,7 +14,9 @@ from tests.support import ROOT
 
 def prose() -> str:
     """The pages without their blocks of code."""
-    page = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("method.md", "paper.md"))
+    page = "".join(
+        (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("method.md", "answers.md", "paper.md")
+    )
     return re.sub(r"^```.*?^```", "", page, flags=re.MULTILINE | re.DOTALL)
 
 
@@ -45,16 +47,12 @@ def test_the_page_names_arrays_that_exist():
         assert name in schema(document)["properties"], (document, name)
 
 
-def readings() -> list[tuple[str, str]]:
-    """Of every item of docs/method.md what is the default, and the sentence after "Paper:"; empty if the paper has the same."""
-    items = [line.partition("Paper: ") for line in prose().splitlines() if line.startswith("- ")]
-    return [(default, re.split(r"[.](?: |$)", printed)[0]) for default, _, printed in items]
-
-
-def stated(cell: str) -> dict[str, Any]:
-    """The values that a text gives for keys: `section.key` value."""
-    found = re.findall(r"`([a-z_]+\.[a-z_0-9]+)` ([^\s;:|]+)", cell)
-    return {key: value_of(text) for key, text in found if key in values("balanced")}
+def stated() -> list[tuple[str, str, str]]:
+    """Every key for which a text or a table gives values: key, default and the paper's value, empty if it is the same."""
+    text = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    inline = re.findall(r"`([a-z_]+\.\w+)` \(([^();]+)(?:; paper: ([^()]+))?\)", text)
+    rows = re.findall(r"^\| (?:<a [^>]*></a>)*`([a-z_]+\.\w+)` \| ([^|]+) \| ([^|]*) \|", text, re.MULTILINE)
+    return [one for one in (*inline, *rows) if one[0] in values("balanced")]
 
 
 def value_of(text: str) -> Any:
@@ -69,15 +67,11 @@ def agrees(written: Any, value: Any) -> bool:
 
 
 def test_the_page_gives_the_values_that_presets_have():
-    default, paper = values("balanced"), values("paper")
-    wrong, checked = [], 0
-    for usual, printed in readings():
-        own, papers = stated(usual), stated(printed)
-        if not printed:
-            papers = own
-        elif len(own) == 1 and not papers:
-            papers = dict.fromkeys(own, value_of(printed.split()[0]))
-        for cell, preset in ((own, default), (papers, paper)):
-            checked += len(cell)
-            wrong += [(key, value) for key, value in cell.items() if not agrees(value, preset[key])]
-    assert checked > 75 and wrong == []
+    found = stated()
+    wrong = [
+        (key, text, preset)
+        for key, usual, printed in found
+        for preset, text in (("balanced", usual), ("paper", printed or usual))
+        if not agrees(value_of(text.split()[0]), values(preset)[key])
+    ]
+    assert len(found) > 30 and wrong == []

@@ -1,5 +1,5 @@
 """What histories.zarr tells of a scene: what lies somewhere for a while, and the carries of each thing in the order of time
-(docs/method.md#carries)."""
+(docs/answers.md#carries)."""
 
 import itertools
 from collections.abc import Iterator, Sequence

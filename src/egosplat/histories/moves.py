@@ -1,4 +1,4 @@
-"""Find carries among the sightings of tracks: a thing leaves a place, moves, and lies still again (docs/method.md#carries)."""
+"""Find carries among the sightings of tracks: a thing leaves a place, moves, and lies still again (docs/answers.md#carries)."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

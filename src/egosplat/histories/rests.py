@@ -1,5 +1,5 @@
 """Find the rests at the ends of carries: from when until when Gaussians explain the frames better than the scene alone
-(docs/method.md#rests)."""
+(docs/answers.md#rests)."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass

@@ -1,5 +1,5 @@
 """Stage ``histories``: what is carried from where to where, Gaussians of what lies somewhere for a while, and which of both are of one
-thing (docs/method.md#carries)."""
+thing (docs/answers.md#carries)."""
 
 from collections.abc import Sequence
 from itertools import chain

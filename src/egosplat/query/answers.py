@@ -104,7 +104,7 @@ class Answer:
     """The answer to one query.
 
     Attributes:
-        grade: ``found``, ``best guess``, ``seen moving``, ``not found`` or ``not asked`` (docs/method.md#grades), by ``rating``, which is as that of a thing.
+        grade: ``found``, ``best guess``, ``seen moving``, ``not found`` or ``not asked`` (docs/answers.md#grades), by ``rating``, which is as that of a thing.
         score, probability: of the best match by score; no probability for a view.
         refusal: the reason why nothing is found; None if something is, or is guessed.
         untaught: words of the query that the OpenCLIP checkpoint was not trained on.

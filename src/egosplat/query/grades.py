@@ -1,5 +1,5 @@
 """The one verdict on a query, for terminal, page, server, exports, movies and scores: found, a best guess or not found, by the
-probability that an answer is right (docs/method.md#grades)."""
+probability that an answer is right (docs/answers.md#grades)."""
 
 import csv
 import math

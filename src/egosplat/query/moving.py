@@ -1,4 +1,4 @@
-"""Answer queries by the tracks of what moves, which is masked and has no Gaussians (docs/method.md#seen-moving)."""
+"""Answer queries by the tracks of what moves, which is masked and has no Gaussians (docs/answers.md#seen-moving)."""
 
 from dataclasses import dataclass
 

@@ -56,7 +56,7 @@ class QueryOptions(Options, section="query"):
     (docs/method.md#temperature). It does not move the maximum before the box filter, and hardly after it."""
 
     size_weight: Annotated[float, Field(ge=0, le=2)] = 0.25
-    """Weight of the sizes of things as evidence for names (docs/method.md#sizes); 0 asks by looks alone."""
+    """Weight of the sizes of things as evidence for names (docs/answers.md#sizes); 0 asks by looks alone."""
 
     resolution: Natural = 0
     """Longer side in pixels at which codes are rendered and decoded; never larger than the frames. 0 is the frames'
@@ -64,12 +64,12 @@ class QueryOptions(Options, section="query"):
 
     min_score: Share = 0.7
     """Smallest score, 0 to 1, of an answer that is found, where no calibration holds: in a single view, with models
-    that have none, and with another value than this (docs/method.md#grades). A score of 0.5 means as similar as the
+    that have none, and with another value than this (docs/answers.md#grades). A score of 0.5 means as similar as the
     best canonical phrase. 0 accepts everything. docs/models.md has the value of each set of models."""
 
     present_share: Annotated[float, Field(gt=0, le=1)] = 0.7
     """Share of the words you ask that name something in the scene. Probabilities and grades assume it
-    (docs/method.md#grades). A higher share finds more: set it if you ask for what you saw."""
+    (docs/answers.md#grades). A higher share finds more: set it if you ask for what you saw."""
 
     def box_filter_px(self, longer: int) -> int:
         """Side of the box filter [px] for a longer side [px]; at least 1, which changes nothing."""

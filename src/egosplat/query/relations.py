@@ -1,4 +1,4 @@
-"""How things stand to each other, by boxes in 3D and gravity; lengths are relative to the things' own (docs/method.md#relations)."""
+"""How things stand to each other, by boxes in 3D and gravity; lengths are relative to the things' own (docs/answers.md#relations)."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

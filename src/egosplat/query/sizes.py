@@ -1,4 +1,4 @@
-"""How large things are, as evidence for what they are called (docs/method.md#sizes)."""
+"""How large things are, as evidence for what they are called (docs/answers.md#sizes)."""
 
 import csv
 from collections.abc import Sequence

@@ -184,7 +184,7 @@ def measure_extents(xyz: Array, instance: NDArray[np.int32], touching: csr_array
 def find_things(
     surface: Surface, relevancy: Floats, threshold: float, box_side: float, most: int
 ) -> list[Thing]:
-    """Find at most ``most`` things by decreasing score (docs/method.md#scene-queries): LangSplat's segmentation on Gaussians.
+    """Find at most ``most`` things by decreasing score (docs/answers.md#scene-queries): LangSplat's segmentation on Gaussians.
 
     At each level, (L, N) relevancy is averaged over neighbors, normalized to 0..1 and thresholded; the Gaussians above the
     threshold are split into connected components. ``box_side`` is that of the box filter, as a share of the image's side.
