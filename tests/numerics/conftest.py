@@ -1,6 +1,6 @@
 """The cases of the numerics tests: what each of them says of itself, the errors it measures, and the table of
 both. A test says with ``@pytest.mark.numerics(tried, within=..., outside=...)`` what it tries, within which
-error of a float64 reference the results stay, and what happens beyond the range. It gives each error to the
+error of a float64 reference the results stay, and what happens there or beyond the range. It gives each error to the
 fixture ``measured``, which holds it against that bound. ``pytest tests/numerics --numerics-table
 docs/numerics.md`` writes what came out."""
 
@@ -41,17 +41,21 @@ AREAS = {
 
 HEADER = """# Numbers at their extremes
 
-Cases of `tests/numerics`: *what is tried*, the largest error against a float64 reference and (its bound), and what happens
-beyond. `make numerics` runs the tests and writes this page; {machine}
+`make numerics` runs the cases of `tests/numerics`, and writes this page. {machine}
 
-- Inputs are ranges that [Hypothesis](https://hypothesis.readthedocs.io) samples, or decades.
-- Errors are absolute for images, probabilities and relevancies, and relative for gradients and positions (L2 norm over all
-  values of a kind). A case without an error tests behavior.
-- Beyond its range a case ends in an error that names the cause, or in a clamp. Never in NaN.
+- **Input**: a range that [Hypothesis](https://hypothesis.readthedocs.io) samples, or one value of each decade.
+- **Error**: the largest difference to a float64 reference with the same float32 inputs, and in brackets the limit of the test.
+  It is absolute for images, probabilities and relevancies. It is relative for gradients and positions (L2 norm of all values of a kind).
+- **Result**: what happens there. "else" is outside of the range. An error names the cause. No result is NaN, except an unknown pose or score.
 
-The reference takes the same inputs rounded to float32, unless a line says otherwise. Pixels where rounding alone decides whether
-a Gaussian is composited (alpha within 1e-4 of 1/255, or transmittance of 1e-4) are left out.
+Pixels are left out where rounding decides whether a Gaussian is composited: alpha within 1e-4 of 1/255, or a transmittance of 1e-4.
 """
+
+NOTES = {
+    "Artifacts": "Writing and reading check each number.",
+    "Rasterizer": "Errors are of the image and all gradients, if an input does not name one of them.",
+    "Carries": "A [carry](answers.md#carries) is the movement of an object by a person.",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -134,7 +138,9 @@ class Table:
         for area in AREAS.values():
             rows = [row for (where, _), row in self._rows.items() if where == area]
             if rows:
-                parts.append(f"## {area}\n\n{''.join(map(_line, rows))}")
+                note = f"{NOTES[area]}\n\n" if area in NOTES else ""
+                head = "|input|error|result|\n|---|---|---|\n"
+                parts.append(f"## {area}\n\n{note}{head}{''.join(map(_line, rows))}")
         return "\n".join(parts)
 
 
@@ -145,13 +151,13 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 def _machine() -> str:
-    return f"its kernels here: {library.variant()}." if library.is_usable() else "without kernels here."
+    return f"Its kernels: {library.variant() if library.is_usable() else 'none'}."
 
 
 def _line(row: dict[str, object]) -> str:
     """A case, its largest error and bound where it has them, and what happens beyond."""
     error = f"{_short(max(row['errors']))} ({_short(row['within'])})" if row["errors"] else ""
-    return f"- *{row['tried']}*: {'; '.join(filter(None, (error, row['outside'])))}\n"
+    return f"|{row['tried']}|{error}|{row['outside']}|\n"
 
 
 def _short(number: float) -> str:

@@ -30,8 +30,8 @@ def record(folder: Path, unit: float) -> Path:
 
 
 @pytest.mark.numerics(
-    "pictures of 1x1 px, with poses in units of 1e6 m, through every stage and a query",
-    outside="sound artifacts; an answer, or none",
+    "pictures of 1x1 px, poses in units of 1e6 m: every stage and a query",
+    outside="valid artifacts; an answer, or none",
 )
 def test_pictures_of_one_pixel(tmp_path, monkeypatch):
     monkeypatch.setattr(provenance, "code_of", lambda *_: "0")

@@ -45,7 +45,7 @@ def decoded(rows: np.ndarray, kind: str, dims: int) -> np.ndarray:
 
 
 @pytest.mark.numerics(
-    "linear codes of all channels reconstruct 20 to 100 features of length 1e-6 to 1e6", within=3e-6
+    "linear codes of all channels: 20 to 100 features of length 1e-6 to 1e6, reconstructed", within=3e-6
 )
 @given(seed=st.integers(0, 999), count=st.integers(20, 100), exponent=st.floats(-6, 6))
 def test_a_full_basis_loses_nothing(measured, seed, count, exponent):
@@ -53,7 +53,7 @@ def test_a_full_basis_loses_nothing(measured, seed, count, exponent):
     measured(np.abs(decoded(rows, "linear", WIDTH) - unit(rows)).max())
 
 
-@pytest.mark.numerics("linear codes of 3 channels: squared error against the best basis", within=1e-6)
+@pytest.mark.numerics("linear codes of 3 channels: squared error, against the best basis", within=1e-6)
 @given(seed=st.integers(0, 999), count=st.integers(10, 100))
 def test_the_basis_is_the_best(measured, seed, count):
     rows = features(seed, count).astype(np.float64)
@@ -66,9 +66,7 @@ def test_the_basis_is_the_best(measured, seed, count):
 
 
 @pytest.mark.numerics(
-    "70 identical features, one, 70 of zero, and none",
-    within=2e-7,
-    outside="codes are 0 and decode to the mean",
+    "70 identical features, one, 70 zeros, none", within=2e-7, outside="codes 0, decoded to the mean"
 )
 @KINDS
 @pytest.mark.parametrize(
@@ -91,9 +89,7 @@ def test_a_mean_of_zero(measured):
 
 
 @pytest.mark.numerics(
-    "linear codes of float16 features, against float32",
-    within=0.0,
-    outside="the autoencoder accepts only float32",
+    "linear codes of float16 features, against float32", within=0.0, outside="autoencoder: float32 only"
 )
 def test_half_precision(measured):
     rows = features(4, 50).astype(np.float16)
@@ -104,9 +100,9 @@ def test_half_precision(measured):
 
 
 @pytest.mark.numerics(
-    "decoding: codes of 0, of length 1e-30 to 1e15, and beyond float32",
+    "decoded codes: 0, length of 1e-30 to 1e15, beyond float32",
     within=3e-7,
-    outside="a vanishing feature is 0; queries reject infinite codes",
+    outside="vanishing feature: 0; queries reject infinite codes",
 )
 @given(exponent=st.floats(-30, 15))
 def test_codes_of_any_length(measured, exponent):
@@ -124,7 +120,7 @@ def test_too_many_dimensions():
         fit(features(0, 5), "linear", WIDTH + 1, 1, 0)
 
 
-@pytest.mark.numerics("an autoencoder whose loss is NaN", outside="UserError: take linear codes")
+@pytest.mark.numerics("autoencoder whose loss is NaN", outside="UserError recommends linear codes")
 def test_an_autoencoder_that_diverges(monkeypatch):
     real = autoencoder.loss
     monkeypatch.setattr(autoencoder, "loss", lambda *given_: real(*given_) * float("nan"))
@@ -132,7 +128,7 @@ def test_an_autoencoder_that_diverges(monkeypatch):
         fit(features(0, 70), "autoencoder", 3, 2, 0)
 
 
-@pytest.mark.numerics("quality of one instance and of none", outside="None instead of NaN")
+@pytest.mark.numerics("quality of one instance, and of none", outside="None, not NaN")
 def test_figures_of_too_few():
     assert spread(features(0, 1)) is None and spread(features(0, 0)) is None
     nothing = features(0, 0)
@@ -140,8 +136,7 @@ def test_figures_of_too_few():
 
 
 @pytest.mark.numerics(
-    "the stage: views identical or opposite; instances with one view and none",
-    outside="the artifact has no NaN",
+    "stage: identical or opposite views; instances with one view and none", outside="no NaN in the artifact"
 )
 @KINDS
 @pytest.mark.parametrize("target", ["average", "consistent", "view"])
@@ -156,7 +151,7 @@ def test_the_stage(tmp_path, kind, target):
 
 
 @pytest.mark.numerics(
-    "a non-finite number to be stored", outside="UserError names the array; nothing is written"
+    "number to store that is not finite", outside="UserError names the array; nothing is written"
 )
 def test_stage_writes_nothing_when_a_value_is_not_finite(tmp_path):
     with pytest.raises(UserError, match="'consistent' must be finite"):

@@ -19,7 +19,7 @@ from tests.support.gaussian_scene import SETTINGS
 BOTH = CameraOptions(refine_poses="on", compensate_exposure="on")
 
 
-@pytest.mark.numerics("pose correction: rotation vectors of 0 to 2 pi rad, 1e-300 included", within=1e-14)
+@pytest.mark.numerics("pose correction: rotation vector of 0 to 2 pi rad, and 1e-300", within=1e-14)
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 1e-9, 9.9e-5, 1.1e-4, 1.0, np.pi, 6.28])
 def test_rotation_and_its_gradient(measured, angle):
     axis = np.array([0.6, -0.64, 0.48])
@@ -36,10 +36,7 @@ def one_frame(brightness: int) -> Views:
     return Views(frame, picture, np.eye(4)[None].copy(), None, None, camera, torch.device("cpu"))
 
 
-@pytest.mark.numerics(
-    "corrections of a single frame, and of a black one",
-    outside="one frame: its correction stays 0. Black: the gain is e^-5",
-)
+@pytest.mark.numerics("corrections of one frame; of a black frame", outside="stay 0; gain e^-5")
 @pytest.mark.parametrize("brightness", [0, 128, 255])
 def test_one_frame(brightness):
     views = one_frame(brightness)
@@ -58,8 +55,7 @@ def test_one_frame(brightness):
 
 
 @pytest.mark.numerics(
-    "exposure: gains of 0 and of 1e-6 to 1e6",
-    outside="gain 0: black, gradient 0. A render beyond 1e8: weight 0",
+    "gain of 1e-6 to 1e6, and 0", outside="0: black, gradient 0; render above 1e8: weight 0"
 )
 @pytest.mark.parametrize("gain", [0.0, 1e-6, 1.0, 1e6, 1e12])
 def test_gains(gain):
@@ -73,8 +69,8 @@ def test_gains(gain):
 
 
 @pytest.mark.numerics(
-    "compressed highlights: colors of 0 to 1e20, gains of 1e-6 to 1e6, compression of 0 to 4",
-    outside="a color beyond 10 gains as little as 10 does",
+    "tone curve: color of 0 to 1e20, gain of 1e-6 to 1e6, k of 0 to 4",
+    outside="color above 10: the gain of 10",
 )
 @pytest.mark.parametrize("color", [0.0, 1e-30, 1.0, 1e20])
 @pytest.mark.parametrize("log_gain", [-13.8, 0.0, 13.8])
@@ -90,7 +86,7 @@ def test_compression(color, log_gain, compression):
     assert all(bool(leaf.grad.isfinite().all()) for leaf in leaves)
 
 
-@pytest.mark.numerics("a gradient of a pose that is not finite", outside="the view keeps its correction")
+@pytest.mark.numerics("pose gradient that is not finite", outside="correction stays")
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_broken_gradient(value):
     views = one_frame(100)
@@ -101,7 +97,7 @@ def test_broken_gradient(value):
     assert not corrections.values.any() and not corrections.steps.any()
 
 
-@pytest.mark.numerics("pose correction of half a turn about any axis, 1e6 m away", within=1e-9)
+@pytest.mark.numerics("pose correction of 180° about any axis, 1e6 m away", within=1e-9)
 @pytest.mark.parametrize("seed", range(3))
 def test_half_a_turn(measured, seed):
     rng = np.random.default_rng(seed)

@@ -34,7 +34,7 @@ def colors(count: int) -> np.ndarray:
     return np.full((count, 3), 128, np.uint8)
 
 
-@pytest.mark.numerics("points of 1e39 m (beyond float32)", outside="dropped")
+@pytest.mark.numerics("points of 1e39 m, beyond float32", outside="dropped")
 def test_broken_points(scene, run, capsys):
     xyz = points()
     xyz[6, 0], xyz[7, 2], xyz[8, 1], xyz[9, 2] = 1e39, 1e39, -1e39, 1e39
@@ -43,14 +43,14 @@ def test_broken_points(scene, run, capsys):
     assert "37 of 40 points" in capsys.readouterr().err
 
 
-@pytest.mark.numerics("no point, and no visible point", outside="random points in front of the cameras")
+@pytest.mark.numerics("no point; no visible point", outside="random points in front of the cameras")
 @pytest.mark.parametrize("xyz", [points(0), points(5) - [0, 0, 9]])
 def test_no_points(scene, run, capsys, xyz):
     run(scene(**{"points/xyz": xyz, "points/rgb": colors(len(xyz))}), iterations=10)
     assert "60 random points" in capsys.readouterr().err
 
 
-@pytest.mark.numerics("one point, and 40 points in one place", outside="Gaussians of 0.1 m and of 0.3 mm")
+@pytest.mark.numerics("one point; 40 points at one place", outside="Gaussian of 0.1 m; of 0.3 mm")
 @pytest.mark.parametrize("count", [1, 40])
 def test_points_in_one_place(scene, run, count):
     xyz = np.tile([[0.0, 0.0, 2.0]], (count, 1))
@@ -58,7 +58,7 @@ def test_points_in_one_place(scene, run, count):
     assert np.isfinite(made.read("curve/loss")).all() and made.read("curve/loss")[-1] < 1
 
 
-@pytest.mark.numerics("pictures of one color: black, grey, white", outside="trains; the loss is finite")
+@pytest.mark.numerics("training on pictures of one color: black, grey, white", outside="trains, finite loss")
 @pytest.mark.parametrize("color", [0, 128, 255])
 def test_pictures_of_one_color(scene, run, color):
     made = run(scene(rgb=np.full((FRAMES, SIZE, SIZE, 3), color, np.uint8)))
@@ -66,7 +66,7 @@ def test_pictures_of_one_color(scene, run, color):
     assert np.isfinite(loss).all() and loss[-1] < loss[0] and (made.read("held_out/psnr") > 0).all()
 
 
-@pytest.mark.numerics("one training frame with all pixels masked", outside="it does not count")
+@pytest.mark.numerics("training frame with all pixels masked", outside="does not count")
 def test_one_frame_masked(scene, run):
     probability = np.zeros((FRAMES, SIZE, SIZE), np.float16)
     probability[0] = 1.0
@@ -75,16 +75,14 @@ def test_one_frame_masked(scene, run):
 
 
 @pytest.mark.numerics(
-    "held-out frames, some without a pixel", within=1e-12, outside="the mean PSNR is that of the others"
+    "held-out frames, some without a pixel", within=1e-12, outside="mean PSNR of the others"
 )
 def test_mean_psnr(measured):
     measured(abs(mean_known(np.array([30.0, np.nan, 20.0])) - 25.0))
     assert np.isnan(mean_known(np.full(2, np.nan)))
 
 
-@pytest.mark.numerics(
-    "renders that are NaN in every iteration", outside="UserError after 30 iterations: what to change"
-)
+@pytest.mark.numerics("renders that are always NaN", outside="UserError after 30 iterations, with a remedy")
 def test_renders_that_stay_broken(scene, run, left, monkeypatch):
     monkeypatch.setattr(objective, "l1_ssim", lambda image, *_: image.mean() * float("nan"))
     monkeypatch.setattr("egosplat.artifacts.checkpoint.EVERY_S", 1e-9)
@@ -94,7 +92,7 @@ def test_renders_that_stay_broken(scene, run, left, monkeypatch):
     assert not left(folder)
 
 
-@pytest.mark.numerics("a render that is NaN in one iteration of 40", outside="the step is skipped")
+@pytest.mark.numerics("NaN render in one iteration of 40", outside="step skipped")
 def test_a_render_that_is_broken_once(scene, run, monkeypatch):
     real, calls = objective.l1_ssim, []
 
@@ -109,9 +107,7 @@ def test_a_render_that_is_broken_once(scene, run, monkeypatch):
     assert made.facts["skipped_rows"] > 0
 
 
-@pytest.mark.numerics(
-    "Gaussians that are NaN or infinite from the start", outside="culled, pruned, and never stored"
-)
+@pytest.mark.numerics("NaN or infinite Gaussians at the start", outside="culled, pruned, never stored")
 def test_broken_gaussians(scene, run, monkeypatch):
     real = state.starting_gaussians
 
@@ -129,7 +125,7 @@ def test_broken_gaussians(scene, run, monkeypatch):
     assert run(scene(), iterations=2).shape("means")[0] <= 60 - 10
 
 
-@pytest.mark.numerics("no Gaussian is finite", outside="UserError; no artifact")
+@pytest.mark.numerics("no finite Gaussian", outside="UserError; no artifact")
 def test_no_finite_gaussian(scene, run, left, monkeypatch):
     real = state.starting_gaussians
     monkeypatch.setattr(
@@ -144,7 +140,8 @@ def test_no_finite_gaussian(scene, run, left, monkeypatch):
 
 
 @pytest.mark.numerics(
-    "learning rates of positions x100 and x1e4, and all x100", outside="trains, or UserError says why"
+    "learning rates of positions times 100 and 1e4; all times 100",
+    outside="trains, or UserError with the reason",
 )
 @pytest.mark.parametrize(("positions", "others"), [(100, 1), (10_000, 1), (100, 100)])
 def test_learning_rates(scene, run, left, monkeypatch, positions, others):
@@ -164,9 +161,9 @@ def test_learning_rates(scene, run, left, monkeypatch, positions, others):
 
 
 @pytest.mark.numerics(
-    "loss of scenes 100 and 5e3 m from the origin, against that at the origin",
+    "loss of a scene 100 and 5e3 m from the origin, against one at the origin",
     within=0.02,
-    outside="UserError if float32 does not resolve a thousandth of the scene (1 m: beyond 16 km)",
+    outside="UserError if float32 does not resolve 1/1000 of the scene (1 m: beyond 16 km)",
 )
 def test_far_from_the_origin(scene, run, measured):
     losses = []
@@ -179,7 +176,7 @@ def test_far_from_the_origin(scene, run, measured):
         measured(abs(losses[-1] - losses[0]) / losses[0])
 
 
-@pytest.mark.numerics("a scene 1e6 m from the origin", outside="UserError: move the origin into the scene")
+@pytest.mark.numerics("scene 1e6 m from the origin", outside="UserError: move the origin")
 @pytest.mark.parametrize("far", [2e4, 1e6])
 def test_too_far_from_the_origin(scene, run, left, far):
     poses = np.tile(np.eye(4), (FRAMES, 1, 1))
@@ -191,9 +188,9 @@ def test_too_far_from_the_origin(scene, run, left, far):
 
 
 @pytest.mark.numerics(
-    "loss of trainings in units of 1e-6 to 1e6 m with corrected poses, against that in meters",
+    "loss in units of 1e-6 to 1e6 m with corrected poses, against meters",
     within=0.02,
-    outside="near plane in proportion; else UserError names run.near_plane",
+    outside="near plane in proportion, else UserError names run.near_plane",
 )
 def test_units(scene, run, measured):
     losses = []
@@ -205,7 +202,7 @@ def test_units(scene, run, measured):
 
 
 @pytest.mark.numerics(
-    "most points nearer than the near plane or beyond the far plane; none, and cameras within the near plane",
+    "most points before the near plane or beyond the far plane; none, cameras within the near plane",
     outside="UserError names run.near_plane, and poses.meters_per_unit of known poses",
 )
 @pytest.mark.parametrize("unit", [1e-3, 1e10])
@@ -223,7 +220,7 @@ def test_units_that_the_renderer_does_not_reach(scene, run, left, unit, known):
     assert not left(folder)
 
 
-@pytest.mark.numerics("frames less than 11 px high", outside="trains; SSIM is NaN")
+@pytest.mark.numerics("frames below 11 px high", outside="trains; SSIM is NaN")
 @pytest.mark.parametrize("height", [1, 5, 10])
 def test_small_pictures(scene, run, height):
     intrinsics = np.array([[18.0, 0, 10], [0, 18.0, height / 2], [0, 0, 1]])
@@ -233,7 +230,7 @@ def test_small_pictures(scene, run, height):
     assert np.isfinite(trained.read("held_out/psnr")).all()
 
 
-@pytest.mark.numerics("one training frame, and one registered", outside="trains on it")
+@pytest.mark.numerics("one training frame; one registered frame", outside="trains")
 def test_one_frame(scene, run):
     registered = np.arange(FRAMES) == 1
     poses = np.tile(np.eye(4), (FRAMES, 1, 1))

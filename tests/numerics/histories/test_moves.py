@@ -7,7 +7,7 @@ from tests.support.sightings import BACK, HERE, RATE, THERE, found, way
 
 
 @pytest.mark.numerics(
-    "a thing that moves in every frame of 1 s to 40 s", outside="one carry without known start and end"
+    "object that moves in every frame of 1 to 40 s", outside="one carry; start and end unknown"
 )
 @pytest.mark.parametrize("count", [5, 50, 200])
 def test_never_at_rest(count):
@@ -18,9 +18,7 @@ def test_never_at_rest(count):
     assert np.isnan(one.end).all(), "five sizes a second is too fast to have been put down"
 
 
-@pytest.mark.numerics(
-    "a thing that rests in every frame, exactly and with depths that vary by 1 %", outside="no carry"
-)
+@pytest.mark.numerics("object that lies still, exactly or with depths that vary by 1 %", outside="no carry")
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_always_at_rest(noise):
     rng = np.random.default_rng(0)
@@ -28,8 +26,8 @@ def test_always_at_rest(noise):
 
 
 @pytest.mark.numerics(
-    "rests of one frame before, between and after two ways",
-    outside="between: one carry; before: no known start; after: it ends where seen last",
+    "object still in one frame before, between or after two movements",
+    outside="between: one carry; before: start unknown; after: end where last seen",
 )
 def test_a_rest_of_one_frame():
     [one] = found((0, way((HERE, 10), (THERE, 1), (BACK, 10))))
@@ -44,10 +42,7 @@ def test_a_rest_of_one_frame():
     np.testing.assert_array_equal(one.end, centers[-1])
 
 
-@pytest.mark.numerics(
-    "a thing taken up in a recording's last 2 and last 6 frames",
-    outside="of 6: a carry to where it is seen last",
-)
+@pytest.mark.numerics("object picked up 2 and 6 frames before the end", outside="6: carry to where last seen")
 @pytest.mark.parametrize(("left", "carries"), [(2, 0), (6, 1)])
 def test_the_last_frames(left, carries):
     centers = way((HERE, 10), (THERE, 10))[: 10 + left]
@@ -59,8 +54,8 @@ def test_the_last_frames(left, carries):
 
 
 @pytest.mark.numerics(
-    "times that repeat, go backwards, jump by a day, and are shuffled",
-    outside="carries stay in the order of frames, with finite ends",
+    "times that repeat, decrease, jump by a day, or are shuffled",
+    outside="carries in order of frames, finite ends",
 )
 @pytest.mark.parametrize(
     "seconds",

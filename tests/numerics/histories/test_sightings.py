@@ -35,16 +35,14 @@ def box(left: int, top: int, right: int, low: int) -> np.ndarray:
     return mask
 
 
-@pytest.mark.numerics("tracks at a depth of 0, NaN, infinity or behind the camera", outside="no carry")
+@pytest.mark.numerics("track at depth 0, NaN, infinity, negative", outside="no carry")
 @pytest.mark.parametrize("depth", [0.0, np.nan, np.inf, -np.inf, -1.0])
 def test_no_depth(depth):
     seen, carries = see(box(40, 30, 56, 42), np.full((18, 24), depth))
     assert not len(seen) and carries == []
 
 
-@pytest.mark.numerics(
-    "place and size of tracks of which one pixel has a depth of 1e-6 to 1e9 m", within=1e-12
-)
+@pytest.mark.numerics("place and size of a track with one pixel at depth 1e-6 to 1e9 m", within=1e-12)
 def test_depth_of_one_pixel(measured):
     for depth in 10.0 ** np.arange(-6, 10):
         surface = np.full((CAMERA.height, CAMERA.width), np.nan)
@@ -55,10 +53,7 @@ def test_depth_of_one_pixel(measured):
         measured(abs(seen.side.max() / (np.sqrt(16 * 12) / 60 * depth) - 1))
 
 
-@pytest.mark.numerics(
-    "masks of the whole picture, and of all but a pixel, while the camera moves",
-    outside="the wearer's, and no carry",
-)
+@pytest.mark.numerics("mask of all pixels, or all but one, camera moving", outside="the wearer's; no carry")
 @pytest.mark.parametrize("left_out", [0, 1])
 def test_the_whole_picture(left_out):
     mask = box(0, 0, CAMERA.width, CAMERA.height)
@@ -69,7 +64,7 @@ def test_the_whole_picture(left_out):
 
 
 @pytest.mark.numerics(
-    "a mask of one pixel, in the middle and in a corner", outside="seen at its middle, as large as a pixel"
+    "mask of one pixel, in the middle and in a corner", outside="at its middle, of a pixel's size"
 )
 @pytest.mark.parametrize(("column", "row"), [(48, 36), (0, 0), (95, 71)])
 def test_one_pixel(column, row):

@@ -18,7 +18,7 @@ def merged(masks):
 
 
 @pytest.mark.numerics(
-    "a frame that sees no Gaussian, alone and among others", outside="its masks belong to no instance"
+    "frame that sees no Gaussian, alone or among others", outside="its masks belong to no instance"
 )
 def test_nothing_seen():
     masks = lifted([LEFT, LEFT, LEFT, RIGHT], [0, 1, 2, 2], [ALL] * 3, instance=[0, 0, 0, 1])
@@ -33,9 +33,7 @@ def test_nothing_seen():
 
 
 @pytest.mark.numerics(
-    "compositing weights of 1e-45 to 1e30 px in all masks and frames",
-    within=1e-6,
-    outside="below a weight of 0.25 px, masks hold nothing",
+    "compositing weights of 1e-45 to 1e30 px", within=1e-6, outside="below 0.25 px: masks have no Gaussian"
 )
 @pytest.mark.parametrize("exponent", [-45, -38, -20, -3, 0, 10, 30])
 def test_any_weight(measured, exponent):
@@ -49,9 +47,7 @@ def test_any_weight(measured, exponent):
     measured(np.abs(held - expected).max(initial=0.0))
 
 
-@pytest.mark.numerics(
-    "votes that are 1e-6 of a Gaussian's weight in the frame", outside="the mask holds nothing"
-)
+@pytest.mark.numerics("votes of 1e-6 of a Gaussian's weight", outside="Gaussian not in the mask")
 def test_weights_that_vanish():
     masks = lifted([LEFT, RIGHT, LEFT], [0, 0, 1], [ALL] * 2)
     masks.votes.data[masks.votes.indptr[2] :] *= 1e-6
@@ -60,9 +56,9 @@ def test_weights_that_vanish():
 
 
 @pytest.mark.numerics(
-    "one frame, of one mask and of three",
+    "one frame, with one mask or three",
     within=0.0,
-    outside="each mask is an instance, a third as sure as one of three frames",
+    outside="each mask is an instance, with a third of the belief",
 )
 @pytest.mark.parametrize("held", [[LEFT], [LEFT[:2], LEFT[2:], RIGHT]])
 def test_one_frame(measured, held):
@@ -72,8 +68,8 @@ def test_one_frame(measured, held):
 
 
 @pytest.mark.numerics(
-    "a mask of every Gaussian, in one of four frames with two masks each, and in all",
-    outside="in one frame: dropped; in all: the one instance",
+    "mask of all Gaussians: in one of four frames with two masks each; in every frame",
+    outside="dropped; the only instance",
 )
 def test_a_mask_of_everything(monkeypatch):
     assert merged(lifted([ALL] * 5, list(range(5)), [ALL] * 5))[0] == [0] * 5
@@ -83,7 +79,7 @@ def test_a_mask_of_everything(monkeypatch):
     assert thing == [0, 1, 0, 1, -1, 0, 1] and held.max() == 1.0
 
 
-@pytest.mark.numerics("200 identical masks, each of a frame of its own", within=1e-6, outside="one instance")
+@pytest.mark.numerics("200 identical masks, one a frame", within=1e-6, outside="one instance")
 def test_identical_masks(measured):
     masks = lifted([LEFT] * 200, list(range(200)), [ALL] * 200, instance=[0] * 200)
     thing, held = merged(masks)
@@ -91,9 +87,7 @@ def test_identical_masks(measured):
     measured(np.abs(held[:, 0] - [1, 1, 1, 1, 0, 0, 0]).max())
 
 
-@pytest.mark.numerics(
-    "masks without a Gaussian, all of them or one of two", outside="they belong to no instance"
-)
+@pytest.mark.numerics("masks without a Gaussian: all, or one of two", outside="they belong to no instance")
 def test_empty_masks():
     assert merged(lifted([[], []], [0, 1], [ALL] * 2))[0] == [-1, -1]
     assert merged(lifted([LEFT, []], [0, 1], [ALL] * 2))[0] == [0, -1]

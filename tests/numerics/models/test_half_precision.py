@@ -20,9 +20,9 @@ def pictures(height: int, width: int) -> list[np.ndarray]:
 
 
 @pytest.mark.numerics(
-    "OpenCLIP in bfloat16: 1 - cosine with float32 of pictures and phrases",
+    "OpenCLIP in bfloat16: 1 - cosine with float32",
     within=1e-2,
-    outside="the next stage skips features that are not finite",
+    outside="features that are not finite are skipped",
 )
 def test_open_clip(measured):
     exact, half = (load_open_clip("small", "small", "cpu", kind) for kind in ("float32", "bfloat16"))
@@ -37,9 +37,9 @@ def test_open_clip(measured):
 
 
 @pytest.mark.numerics(
-    "SAM2 in bfloat16, pictures of 1x1 px and 40x60 px: share of mask pixels that differ from float32",
+    "SAM2 in bfloat16, pictures of 1x1 and 40x60 px: share of pixels unlike float32",
     within=0.05,
-    outside="logits and predicted IoU stay finite",
+    outside="finite logits and predicted IoU",
 )
 def test_sam2(measured):
     points = torch.tensor([[0.4, 0.4], [0.9, 0.1]])

@@ -39,9 +39,9 @@ def write(tmp_path):
 
 
 @pytest.mark.numerics(
-    "positions up to 1e6 m between rows 1 ns to 1 hour apart, against exact fractions",
+    "positions up to 1e6 m, rows 1 ns to 1 hour apart, against exact fractions",
     within=1e-14,
-    outside="before the first and after the last row: no pose",
+    outside="before first and after last row: no pose",
 )
 @given(gap=st.integers(2, 3_600_000_000_000), share=st.floats(0, 1), exponent=st.floats(-3, 6))
 def test_positions(measured, gap, share, exponent):
@@ -55,9 +55,7 @@ def test_positions(measured, gap, share, exponent):
 
 
 @pytest.mark.numerics(
-    "rotations of 1e-9 rad to just below 180° between two rows",
-    within=1e-12,
-    outside="exactly 180°: either direction",
+    "rotation between two rows of 1e-9 rad to just below 180°", within=1e-12, outside="180°: either direction"
 )
 @given(
     angle=st.one_of(st.floats(1e-9, np.pi - 1e-3), st.floats(-9, 0).map(lambda e: 10.0**e)),
@@ -72,7 +70,7 @@ def test_turns(measured, angle, share):
     assert is_rigid(half).all() and float(rotation_angle(half)[0]) == pytest.approx(np.pi / 2)
 
 
-@pytest.mark.numerics("quaternions q and -q, all signs over 6 rows", within=1e-14)
+@pytest.mark.numerics("quaternions q and -q in all combinations over 6 rows", within=1e-14)
 @given(signs=st.lists(st.sampled_from([-1.0, 1.0]), min_size=6, max_size=6))
 def test_signs_of_quaternions(write, measured, signs):
     times, angles = np.arange(6) * 1000, [0.0, 0.5, 1.0, 1.2, 0.9, 0.4]
@@ -86,7 +84,7 @@ def test_signs_of_quaternions(write, measured, signs):
 
 
 @pytest.mark.numerics(
-    "quaternions of length 0.99 to 1.01: normalized", within=1e-14, outside="others: UserError names the line"
+    "quaternion length of 0.99 to 1.01", within=1e-14, outside="normalized; else: UserError names the line"
 )
 @given(length=st.floats(0.991, 1.009))
 def test_lengths_of_quaternions(write, measured, length):
@@ -96,7 +94,7 @@ def test_lengths_of_quaternions(write, measured, length):
 
 
 @pytest.mark.numerics(
-    "rows with quaternions of length 0, 0.98, 1.02 or NaN; times that repeat, decrease or are NaN; infinite positions",
+    "rows: quaternion length 0, 0.98, 1.02, NaN; times that repeat, decrease, are NaN; infinite position",
     outside="UserError names file and line",
 )
 @pytest.mark.parametrize(
@@ -116,7 +114,7 @@ def test_impossible_rows_are_rejected(write, time, length, place, words):
         read_trajectory(write([0, time, 2000], quaternions, places))
 
 
-@pytest.mark.numerics("frames in any order of time: each gets its own pose", within=0.0)
+@pytest.mark.numerics("frames in any order of time", within=0.0, outside="each has its own pose")
 @given(order=st.permutations(range(8)))
 def test_frames_out_of_order(write, measured, order):
     rows = Rotation.from_rotvec(np.outer(np.linspace(0, 1, 5), AXIS)).as_quat()
@@ -127,14 +125,14 @@ def test_frames_out_of_order(write, measured, order):
     measured(np.abs(shuffled - found[list(order)]).max())
 
 
-@pytest.mark.numerics("pose times out of order, repeated, or only one", outside="ValueError")
+@pytest.mark.numerics("pose times out of order, repeated; only one", outside="ValueError")
 @pytest.mark.parametrize("times", [[0, 2, 1], [0, 1, 1], [0]])
 def test_times_out_of_order(times):
     with pytest.raises(ValueError, match="strictly increasing"):
         interpolate_poses(np.array(times), poses([0.0] * len(times)), np.array([0]))
 
 
-@pytest.mark.numerics("a trajectory of two rows", within=1e-14, outside="one row or none: UserError")
+@pytest.mark.numerics("trajectory of two rows", within=1e-14, outside="fewer: UserError")
 def test_two_rows(write, measured):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5], AXIS)).as_quat()
     trajectory = read_trajectory(write([0, 1000], rows))
@@ -145,7 +143,7 @@ def test_two_rows(write, measured):
             read_trajectory(write([0, 1000][:count], rows[:count]))
 
 
-@pytest.mark.numerics("frames outside a trajectory, or in too long a gap", outside="no pose (NaN)")
+@pytest.mark.numerics("frame outside the trajectory, or in a long gap", outside="no pose (NaN)")
 def test_frames_without_a_pose(write):
     rows = Rotation.from_rotvec(np.outer([0.0, 0.5, 0.6], AXIS)).as_quat()
     trajectory = read_trajectory(write([0, 1000, 500_000], rows))
@@ -153,7 +151,7 @@ def test_frames_without_a_pose(write):
     assert np.isnan(found).all()
 
 
-@pytest.mark.numerics("inverse of poses 1 to 1e12 m from the origin, and back", within=1e-14)
+@pytest.mark.numerics("inverse of a pose 1 to 1e12 m from the origin, and back", within=1e-14)
 @given(exponent=st.floats(0, 12), angle=st.floats(0, 3))
 def test_inverse(measured, exponent, angle):
     place = np.array([0.3, -0.9, 0.2]) * 10.0**exponent
@@ -162,9 +160,7 @@ def test_inverse(measured, exponent, angle):
     measured(np.linalg.norm(back - place) / np.linalg.norm(place))
 
 
-@pytest.mark.numerics(
-    "angles of 1e-12 rad to pi between rotations", within=1e-14, outside="the error is absolute"
-)
+@pytest.mark.numerics("angle between rotations of 1e-12 rad to pi", within=1e-14, outside="absolute error")
 @given(exponent=st.floats(-12, np.log10(np.pi)))
 def test_angles(measured, exponent):
     angle = 10.0**exponent

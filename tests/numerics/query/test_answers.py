@@ -28,9 +28,7 @@ def view(**changes: object) -> View:
     return replace(View(*rendered, CAMERA, np.eye(4), valid, "ab"), **changes)
 
 
-@pytest.mark.numerics(
-    "a map of constant relevancy", within=1e-6, outside="the pixel is the middle one; the mask is empty"
-)
+@pytest.mark.numerics("constant map", within=1e-6, outside="location in the middle; empty mask")
 def test_a_constant_map(measured):
     (answer,) = answer_from_codes(view(), IDENTITY, TEXTS, LANGSPLAT)
     measured(abs(answer.score - 1 / (1 + np.exp(-10.0))))
@@ -39,7 +37,7 @@ def test_a_constant_map(measured):
 
 
 @pytest.mark.numerics(
-    "a view without covered or valid pixels", outside="score 0, no pixel, an empty mask, no position"
+    "view without covered or valid pixels", outside="score 0; no location, mask or position"
 )
 @pytest.mark.parametrize("nothing", UNSEEN.values(), ids=UNSEEN)
 def test_nothing_is_seen(nothing):
@@ -48,7 +46,7 @@ def test_nothing_is_seen(nothing):
     assert not answer.relevancy.any() and not answer.mask.any() and answer.mask.shape == (6, 8)
 
 
-@pytest.mark.numerics("a picture of 1x1 px", within=1e-6)
+@pytest.mark.numerics("picture of 1x1 px", within=1e-6)
 def test_one_pixel(measured):
     rendered = torch.eye(4)[:1].reshape(1, 1, 1, 4), torch.ones(1, 1, 1), torch.ones(1, 1)
     one = View(*rendered, Camera(1, 1, 1, 1, 0.5, 0.5), np.eye(4), np.ones((1, 1), bool), "a")
@@ -57,13 +55,13 @@ def test_one_pixel(measured):
     assert answer.pixel == (0, 0) and answer.position.tolist() == [0.0, 0.0, 1.0]
 
 
-@pytest.mark.numerics("depths of 0, NaN, infinity and below 0", outside="the answer has no position")
+@pytest.mark.numerics("depth 0, negative, NaN, infinity", outside="no position")
 @pytest.mark.parametrize("depth", [0.0, -1.0, float("nan"), float("inf")])
 def test_no_depth(depth):
     assert pixel_position(CAMERA, np.eye(4), (2, 3), np.full((6, 8), depth, np.float32)) is None
 
 
-@pytest.mark.numerics("depths of 1e-30 to 1e30 m", within=1e-14)
+@pytest.mark.numerics("depth of 1e-30 to 1e30 m", within=1e-14)
 @pytest.mark.parametrize("exponent", [-30, -3, 0, 3, 30])
 def test_any_depth(measured, exponent):
     depth = np.full((6, 8), 10.0**exponent, np.float32)
@@ -73,9 +71,9 @@ def test_any_depth(measured, exponent):
 
 
 @pytest.mark.numerics(
-    "box filter of relevancies of 1e-30 to 1, from 1 px to larger than the image",
+    "box filter: relevancy of 1e-30 to 1, side from 1 px to more than the image",
     within=1e-6,
-    outside="it mirrors the image several times",
+    outside="image mirrored several times",
 )
 @pytest.mark.parametrize("size", [1, 2, 7, 30, 64])
 @pytest.mark.parametrize("scale", [1e-30, 1.0])
@@ -87,7 +85,7 @@ def test_smoothing(measured, size, scale):
     measured(np.abs(box_filter(values, size) - windows.mean(axis=(2, 3))).max() / scale)
 
 
-@pytest.mark.numerics("maps with one visible pixel, or none", outside="that pixel; None without any")
+@pytest.mark.numerics("map with one visible pixel; with none", outside="that pixel; None")
 def test_one_seen_pixel():
     values = np.full((1, 4, 5), 0.3, np.float32)
     seen = np.zeros((1, 4, 5), bool)

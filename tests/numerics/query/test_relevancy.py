@@ -36,14 +36,14 @@ def papers(features, queries, canonical, temperature: float) -> torch.Tensor:
     return torch.softmax(temperature * pairs, dim=0)[0].amin(dim=-1)
 
 
-@pytest.mark.numerics("temperatures of 1e-3 to 1e2, 512 channels", within=1e-5)
+@pytest.mark.numerics("temperature of 1e-3 to 1e2, 512 channels", within=1e-5)
 @given(exponent=st.floats(-3, 2), seed=st.integers(0, 999))
 def test_usual_temperatures(measured, exponent, seed):
     given_ = directions(seed, 60), directions(seed + 1, 5), directions(seed + 2, 4), 10.0**exponent
     measured(float((relevancy(*given_) - papers(*given_)).abs().max()))
 
 
-@pytest.mark.numerics("temperatures of 1e2 to 1e4", within=1e-3, outside="up to 1e38 the result is 0 or 1")
+@pytest.mark.numerics("temperature of 1e2 to 1e4", within=1e-3, outside="up to 1e38: 0 or 1")
 @given(exponent=st.floats(2, 4), seed=st.integers(0, 999))
 def test_high_temperatures(measured, exponent, seed):
     given_ = directions(seed, 60), directions(seed + 1, 5), directions(seed + 2, 4), 10.0**exponent
@@ -52,7 +52,7 @@ def test_high_temperatures(measured, exponent, seed):
     assert ((hottest >= 0) & (hottest <= 1)).all()
 
 
-@pytest.mark.numerics("a query equal to the best canonical phrase gives 0.5", within=1e-3)
+@pytest.mark.numerics("query equal to the best canonical phrase", within=1e-3, outside="relevancy 0.5")
 @pytest.mark.parametrize("temperature", ENDS)
 def test_a_query_that_is_canonical(measured, temperature):
     canonical = directions(0, 4)
@@ -74,9 +74,7 @@ def test_half_precision(measured, dtype, temperature):
     measured(float((found - papers(*rows, temperature)).abs().max()))
 
 
-@pytest.mark.numerics(
-    "features of 0, NaN, infinity, and lengths below 0.7 or above 1.3", outside="relevancy 0"
-)
+@pytest.mark.numerics("feature 0, NaN, infinity; length below 0.7 or above 1.3", outside="relevancy 0")
 @pytest.mark.parametrize("temperature", ENDS)
 @pytest.mark.parametrize("value", [0.0, float("nan"), float("inf"), -float("inf"), 1e-3, 1e30])
 def test_invalid_features_have_no_relevancy(value, temperature):
@@ -88,9 +86,7 @@ def test_invalid_features_have_no_relevancy(value, temperature):
     assert ((found >= 0) & (found <= 1)).all()
 
 
-@pytest.mark.numerics(
-    "no query, and no canonical phrase", outside="an empty result; ValueError of the options"
-)
+@pytest.mark.numerics("no query; no canonical phrase", outside="empty result; ValueError")
 def test_no_queries_give_an_empty_result():
     found = relevancy_maps(*SEEN, IDENTITY, Texts((), torch.zeros(0, 4), torch.eye(4)), 10.0)
     assert found.shape == (0, 1, 2, 2)
@@ -99,9 +95,9 @@ def test_no_queries_give_an_empty_result():
 
 
 @pytest.mark.numerics(
-    "folded decoders: cosines of codes of length 1e-3 to 1e3",
+    "cosines from codes of length 1e-3 to 1e3, without decoding",
     within=1e-5,
-    outside="non-finite codes: ValueError",
+    outside="code not finite: ValueError",
 )
 @given(exponent=st.floats(-3, 3), seed=st.integers(0, 999))
 def test_folded_decoders(measured, exponent, seed):

@@ -17,7 +17,7 @@ LARGE, WINDOW = 4096, 24
 CORNERS = [(0, 0), (LARGE - WINDOW, LARGE - WINDOW), (2036, 2040), (0, LARGE - WINDOW)]
 
 
-@pytest.mark.numerics("image and gradients: 200 Gaussians of all sizes and opacities", within=2e-5)
+@pytest.mark.numerics("200 Gaussians of all sizes and opacities", within=2e-5)
 @pytest.mark.parametrize("mode", ["classic", "antialiased"])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_random_cloud(cloud, compare, measured, mode, seed):
@@ -44,9 +44,9 @@ OPACITIES = pytest.mark.parametrize(("low", "high"), [(0.01, 0.01), (0.0, 1.0), 
 
 
 @pytest.mark.numerics(
-    "image and gradients by the Gaussians: 10,000 on one pixel, opacities all 0.01, all 1, or 0 to 1",
+    "10,000 Gaussians on a pixel, opacity 0.01, 1, or 0 to 1: image, gradients by Gaussians",
     within=1e-4,
-    outside="the first Gaussian that would reduce the transmittance to 1e-4 ends the pixel",
+    outside="the first Gaussian that would lower the transmittance to 1e-4 ends the pixel",
 )
 @OPACITIES
 def test_ten_thousand_gaussians_on_one_pixel(gaussian, compare, measured, low, high):
@@ -58,16 +58,14 @@ def test_ten_thousand_gaussians_on_one_pixel(gaussian, compare, measured, low, h
     assert not both.found.gradients["colors"][-1].any()
 
 
-@pytest.mark.numerics("the same, gradient by the pose: errors of 900 Gaussians add up", within=2e-2)
+@pytest.mark.numerics("the same: gradient by the pose", within=2e-2, outside="errors of 900 Gaussians add up")
 @OPACITIES
 def test_pose_gradient_with_ten_thousand_gaussians(gaussian, compare, measured, low, high):
     opacities = np.random.default_rng(1).uniform(low, high, 10_000)
     measured(compare(stacked(gaussian, 10_000, opacities), 5, 5).pose_error)
 
 
-@pytest.mark.numerics(
-    "10,000 equal Gaussians at equal depth", within=1e-4, outside="composited in their order"
-)
+@pytest.mark.numerics("10,000 equal Gaussians at one depth", within=1e-4, outside="composited in their order")
 def test_gaussians_at_equal_depths_keep_their_order(gaussian, compare, measured):
     count = 10_000
     values = gaussian(
@@ -85,7 +83,7 @@ def test_gaussians_at_equal_depths_keep_their_order(gaussian, compare, measured)
     assert met[: int(met.sum())].all()
 
 
-@pytest.mark.numerics("no Gaussians", outside="only the background")
+@pytest.mark.numerics("no Gaussian", outside="background only")
 def test_no_gaussians_render_nothing(gaussian, compare):
     values = {name: value if name in ("viewmats", "Ks") else value[:0] for name, value in gaussian().items()}
     found = compare(values | {"backgrounds": torch.tensor([[0.2, 0.5, 0.9]])}).found
@@ -94,7 +92,7 @@ def test_no_gaussians_render_nothing(gaussian, compare):
 
 
 @pytest.mark.numerics(
-    "image and gradients: 4096x4096 px, 300 Gaussians, in four windows of 24x24 px",
+    "image of 4096x4096 px, 300 Gaussians, compared in four windows of 24x24 px",
     within=2e-4,
     outside="float32 resolves 2e-4 px there",
 )

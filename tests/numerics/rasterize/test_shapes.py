@@ -18,12 +18,12 @@ def decades(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 IMAGE = pytest.mark.numerics(
-    "image: three scales of 1e-8 to 1e4 m each, any rotation, classic",
+    "image: three scales of 1e-8 to 1e4 m, any rotation, mode classic",
     within=3e-6,
     outside="drawn up to 1e18 m",
 )
 DIMMED = pytest.mark.numerics(
-    "image: the same, antialiased", within=1e-5, outside="dimmed below alpha 1/255: culled"
+    "image: the same, mode antialiased", within=1e-5, outside="alpha below 1/255: culled"
 )
 
 
@@ -36,7 +36,7 @@ def test_image_of_any_scales(gaussian, compare, measured, mode, scales, turn):
 
 
 @pytest.mark.numerics(
-    "gradients: scales of 1e-8 to 1e4 m within a factor of 3", within=1e-5, outside="finite at any scale"
+    "gradients: three scales of 1e-8 to 1e4 m, within a factor of 3", within=1e-5, outside="else: finite"
 )
 @MODES
 @given(size=decades(-8, 4), turn=TURNS)
@@ -46,14 +46,14 @@ def test_gradients_of_any_scale(gaussian, compare, measured, mode, size, turn):
 
 
 @pytest.mark.numerics(
-    "gradients: needles 1e-8 m thin and 1e-4 to 1e4 m long", within=1e-4, outside="finite at any length"
+    "gradients: needle 1e-8 m thin, 1e-4 to 1e4 m long", within=1e-4, outside="else: finite"
 )
 @given(length=decades(-4, 4), turn=TURNS)
 def test_elongated_gaussians(gaussian, compare, measured, length, turn):
     measured(compare(gaussian(scales=[[length, 1e-8, 1e-8]], quats=[turn])).gradient_error)
 
 
-@pytest.mark.numerics("gradients: pancakes 1e-8 m thin and 1e-4 to 1e4 m wide, any rotation", within=1e-4)
+@pytest.mark.numerics("gradients: disc 1e-8 m thin, 1e-4 to 1e4 m wide, any rotation", within=1e-4)
 @MODES
 @given(width=decades(-4, 4), turn=TURNS)
 def test_flat_gaussians(gaussian, compare, measured, mode, width, turn):
@@ -61,15 +61,13 @@ def test_flat_gaussians(gaussian, compare, measured, mode, width, turn):
     measured(compare(values, rasterize_mode=mode).gradient_error)
 
 
-@pytest.mark.numerics("image and gradients: a pancake viewed exactly edge-on", within=1e-5)
+@pytest.mark.numerics("disc seen exactly edge-on", within=1e-5)
 @MODES
 def test_a_flat_gaussian_seen_from_its_edge(gaussian, compare, measured, mode):
     measured(compare(gaussian(scales=[[1.0, 0.8, 1e-8]], quats=[[1, 0, 1, 0]]), rasterize_mode=mode).error)
 
 
-@pytest.mark.numerics(
-    "scales of 0", within=1e-6, outside="classic: a speck as wide as eps2d; antialiased: culled"
-)
+@pytest.mark.numerics("scale 0", within=1e-6, outside="classic: as wide as eps2d; antialiased: culled")
 @MODES
 def test_scales_of_zero(gaussian, compare, measured, mode):
     both = compare(gaussian(scales=[[0.0] * 3]), rasterize_mode=mode)
@@ -78,7 +76,7 @@ def test_scales_of_zero(gaussian, compare, measured, mode):
     assert bool(both.found.image.any()) == (mode == "classic")
 
 
-@pytest.mark.numerics("scales from 1e19 m to infinity, and NaN", outside="not drawn; gradients are finite")
+@pytest.mark.numerics("scale of 1e19 m to infinity, NaN", outside="not drawn; finite gradients")
 @pytest.mark.parametrize("scale", [1e19, 1e30, float("inf"), float("nan")])
 def test_scales_larger_than_any_scene(gaussian, compare, scale):
     found = compare(gaussian(scales=[[scale] * 3])).found
@@ -86,20 +84,16 @@ def test_scales_larger_than_any_scene(gaussian, compare, scale):
     assert all(gradient.isfinite().all() for gradient in found.gradients.values())
 
 
-@pytest.mark.numerics(
-    "image and gradients: quaternions of length 1e-37 to 1e37",
-    within=1e-5,
-    outside="0, or not finite: culled",
-)
+@pytest.mark.numerics("quaternion length of 1e-37 to 1e37", within=1e-5, outside="0, not finite: culled")
 @given(length=decades(-37, 37), turn=TURNS)
 def test_quaternions_of_any_length(gaussian, compare, measured, length, turn):
     measured(compare(gaussian(quats=torch.tensor([turn], dtype=torch.float64) * length)).error)
 
 
 @pytest.mark.numerics(
-    "a subnormal quaternion, of length 1e-40",
+    "quaternion length 1e-40 (subnormal)",
     within=1e-5,
-    outside="the gradient overflows float32, and the optimizer skips that Gaussian",
+    outside="gradient overflows float32; the optimizer skips the Gaussian",
 )
 def test_a_subnormal_quaternion(gaussian, compare, measured):
     both = compare(gaussian(quats=[[9e-41, 1e-41, 2e-41, 3e-41]]))
@@ -118,17 +112,13 @@ def test_a_subnormal_quaternion(gaussian, compare, measured):
     assert optimizer.skipped_rows == 1 and torch.equal(raw.means.detach(), both.values["means"])
 
 
-@pytest.mark.numerics(
-    "image and gradients: opacities of 0.004 to 1", within=2e-5, outside="alpha is at most 0.999"
-)
+@pytest.mark.numerics("opacity of 0.004 to 1", within=2e-5, outside="alpha at most 0.999")
 @given(opacity=st.one_of(st.floats(0.004, 1.0), st.sampled_from([0.004, 0.998, 0.9991, 1.0])))
 def test_opacities(gaussian, compare, measured, opacity):
     measured(compare(gaussian(opacities=[opacity])).error)
 
 
-@pytest.mark.numerics(
-    "opacity 1 at the center of a pixel", within=1e-6, outside="alpha is 0.999 there, without gradient"
-)
+@pytest.mark.numerics("opacity 1 at a pixel's center", within=1e-6, outside="alpha 0.999, gradient 0")
 def test_opacity_of_one(gaussian, compare, measured):
     values = gaussian(
         means=[[0.0, 0.0, 2.0]], opacities=[1.0], Ks=[[[30.0, 0, 0.5], [0, 30.0, 0.5], [0, 0, 1]]]
@@ -140,8 +130,8 @@ def test_opacity_of_one(gaussian, compare, measured):
 
 
 @pytest.mark.numerics(
-    "a quaternion of 0 or of infinite length; opacities of 0, below 1/255, and negative",
-    outside="culled: radius 0, gradient 0",
+    "quaternion length 0 or infinity; opacity 0, below 1/255, negative",
+    outside="culled: radius and gradient 0",
 )
 @pytest.mark.parametrize(
     "changes",
@@ -155,7 +145,7 @@ def test_invalid_rotations_and_small_opacities_hide_the_gaussian(gaussian, compa
         assert not any(gradient.any() for gradient in each.gradients.values())
 
 
-@pytest.mark.numerics("opacities above 1", within=1e-5, outside="clamped: alpha is at most 0.999")
+@pytest.mark.numerics("opacity above 1", within=1e-5, outside="alpha at most 0.999")
 def test_opacities_above_one(gaussian, compare, measured):
     both = compare(gaussian(opacities=[50.0]))
     measured(both.image_error)
@@ -163,9 +153,9 @@ def test_opacities_above_one(gaussian, compare, measured):
 
 
 @pytest.mark.numerics(
-    "NaN or infinite positions, rotations, scales, opacities and colors beside a valid Gaussian",
+    "NaN or infinity in a Gaussian beside a valid one",
     within=1e-5,
-    outside="culled; the valid Gaussian is drawn as if alone",
+    outside="culled; the valid one is unchanged",
 )
 @pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "colors"])
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

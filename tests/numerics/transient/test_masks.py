@@ -28,7 +28,7 @@ def halves() -> np.ndarray:
     return labels
 
 
-@pytest.mark.numerics("scores of 1 to 30 frames in float16, against extended precision", within=1e-14)
+@pytest.mark.numerics("scores of 1 to 30 float16 frames, against extended precision", within=1e-14)
 @given(seed=st.integers(0, 999), frames=st.integers(1, 30))
 def test_scores(measured, seed, frames):
     rng = np.random.default_rng(seed)
@@ -40,14 +40,14 @@ def test_scores(measured, seed, frames):
         measured(abs(float(found.scores[instance] - own.mean())))
 
 
-@pytest.mark.numerics("scores of probabilities of exactly 0 and 1", within=0.0)
+@pytest.mark.numerics("scores of probabilities 0 and 1", within=0.0)
 @pytest.mark.parametrize("value", [0.0, 1.0])
 def test_exact_probabilities(measured, value):
     found = scored(*[(halves(), np.full((SIZE, SIZE), value, np.float16))] * 1000)
     measured(np.abs(found.scores - value).max())
 
 
-@pytest.mark.numerics("T = 0 and T = 1", outside="every instance with a pixel; those whose pixels are all 1")
+@pytest.mark.numerics("T = 0; T = 1", outside="instances with a pixel; those whose pixels are all 1")
 def test_thresholds_at_their_ends():
     probability = np.ones((SIZE, SIZE), np.float16)
     probability[0, 0] = 1 - 2**-11
@@ -59,9 +59,9 @@ def test_thresholds_at_their_ends():
 
 
 @pytest.mark.numerics(
-    "weights 1 - M for M of 0 and 1, inside and outside the lens circle",
+    "weights 1 - M for M = 0 and 1, inside and outside the lens circle",
     within=0.0,
-    outside="M beyond 0..1 is clamped; NaN and infinity: weight 0",
+    outside="M beyond 0..1: clamped; NaN, infinity: weight 0",
 )
 @pytest.mark.parametrize(
     ("transient", "expected"),
@@ -75,16 +75,14 @@ def test_weights(measured, transient, expected):
     measured(float((weight[1] - expected).abs().max()))
 
 
-@pytest.mark.numerics("no instance, no labels, only labels of -1", outside="an empty mask")
+@pytest.mark.numerics("no instance, no labels, only labels of -1", outside="empty mask")
 def test_no_instances():
     assert not refined_mask(np.full((3, 4, 5), -1, np.int32), np.zeros(0, bool)).any()
     assert not refined_mask(np.full((3, 4, 5), -1, np.int32), np.ones(2, bool)).any()
 
 
 @pytest.mark.numerics(
-    "losses of a picture with all pixels masked, or without valid pixels",
-    within=1e-8,
-    outside="loss 0, gradient exactly 0",
+    "loss of a picture with all pixels masked, or none valid", within=1e-8, outside="0, gradient exactly 0"
 )
 @pytest.mark.parametrize("loss", ["l1_ssim", "l2"])
 def test_all_pixels_masked(measured, loss):

@@ -23,7 +23,7 @@ def sound(one: InitialObjective) -> bool:
     )
 
 
-@pytest.mark.numerics("the loss with the network's own probabilities: residuals of 1e-4 to 1e3", within=1e-6)
+@pytest.mark.numerics("loss with the network's probabilities, residuals of 1e-4 to 1e3", within=1e-6)
 @pytest.mark.parametrize("offset", [1e-4, 0.1, 1.0, 1e3])
 def test_the_loss(views, measured, offset):
     one = make_objective(transient_penalty=PENALTY)
@@ -42,9 +42,9 @@ def test_the_loss(views, measured, offset):
     [
         pytest.param(penalty, rate, marks=pytest.mark.numerics(tried, outside=outside))
         for penalty, rate, tried, outside in (
-            (0.0, 1e-2, "transient_penalty = 0: masking costs nothing", "the probability rises"),
-            (1e6, 1e-2, "transient_penalty = 1e6: masking never pays", "the probability falls"),
-            (PENALTY, 0.1, "lr x100", "probabilities within 0..1, finite weights"),
+            (0.0, 1e-2, "transient_penalty = 0", "probability rises"),
+            (1e6, 1e-2, "transient_penalty = 1e6", "probability falls"),
+            (PENALTY, 0.1, "transient.lr times 100", "probabilities in 0..1, finite weights"),
         )
     ],
 )
@@ -54,9 +54,7 @@ def test_extreme_training(views, penalty, rate):
     assert sound(one) and (rate == 0.1 or losses[-1] < losses[0])
 
 
-@pytest.mark.numerics(
-    "transient_penalty = 1e30: gradients whose norm overflows float32", outside="the step is skipped"
-)
+@pytest.mark.numerics("transient_penalty = 1e30: gradient norm overflows float32", outside="step skipped")
 def test_transient_penalty_beyond_float32(views):
     one = make_objective(transient_penalty=1e30)
     before = [p.detach().clone() for p in one.net.parameters()]
@@ -66,11 +64,11 @@ def test_transient_penalty_beyond_float32(views):
 
 
 SOME = pytest.mark.numerics(
-    "residual unit: residuals of 0, NaN, infinity and 1e30, of one view, and none",
-    outside="finite, and at least the rounding of 8 bits",
+    "unit of λ2: residuals 0, NaN, infinity, 1e30; one view; none",
+    outside="finite, at least the rounding to 8 bits",
 )
 UNLIKE = pytest.mark.numerics(
-    "residual unit: a black view, a blurred one, and all blurred", outside="no such view stands out"
+    "unit of λ2: one black view, one blurred, all blurred", outside="they do not stand out"
 )
 
 
@@ -101,7 +99,7 @@ def test_residual_unit_at_its_ends(residuals, unit):
     assert blind.unit(0).item() == pytest.approx(LEAST_SCALE) and not blind.stands_out(0).any()
 
 
-@pytest.mark.numerics("renders with NaN, infinity and 1e30", outside="weight 0; the network stays finite")
+@pytest.mark.numerics("renders with NaN, infinity, 1e30", outside="weight 0; finite network")
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 1e30])
 def test_broken_renders(views, value):
     one = make_objective()
@@ -115,9 +113,7 @@ def test_broken_renders(views, value):
 
 
 @pytest.mark.numerics(
-    "pictures with no valid pixel",
-    within=1e-7,
-    outside="the Gaussians get no gradient, and the prediction falls to 0",
+    "pictures without a valid pixel", within=1e-7, outside="no gradient; probability falls to 0"
 )
 def test_no_valid_pixel(views, measured):
     blind = replace(views, valid=torch.zeros(SIZE, SIZE))
@@ -131,7 +127,7 @@ def test_no_valid_pixel(views, measured):
     assert not image.grad.any()
 
 
-@pytest.mark.numerics("pictures of one color: black, grey and white", outside="probabilities within 0..1")
+@pytest.mark.numerics("pictures of one color: black, grey, white", outside="probabilities in 0..1")
 @pytest.mark.parametrize("color", [0.0, 0.5, 1.0])
 def test_one_color(color):
     net = make_network(64, False, None, 0)
@@ -142,9 +138,7 @@ def test_one_color(color):
 
 
 @pytest.mark.numerics(
-    "probabilities of logits of -200 to 200, in float32 and float16",
-    within=3e-4,
-    outside="exactly 0 and 1 at the ends",
+    "logits of -200 to 200, in float32 and float16", within=3e-4, outside="exactly 0 and 1 at the ends"
 )
 def test_logits_at_their_ends(measured):
     net = make_network(64, False, None, 0).eval()
