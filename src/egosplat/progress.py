@@ -98,6 +98,6 @@ def format_ranges(numbers: set[int]) -> str:
 def _line(what: str, done: int, total: int | None, seconds: float, unit: str) -> str:
     rate = done / seconds if seconds > 0 else 0.0
     text = f"{what}: {done}" + (f"/{total}" if total is not None else "") + f" {unit}s, {rate:.1f} {unit}s/s"
-    if total is not None and 0 < done < total and rate > 0:
+    if total is not None and 1 < done < total and rate > 0:  # the first item may wait for a program's start
         text += f", {(total - done) / rate:.0f} s left"
     return text

@@ -143,7 +143,7 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     cells = {number: line.rstrip("\r").split("\t") for number, line in lines if re.match(r"\s*[^\s#]", line)}
     (first, head), *rows = cells.items() or [(1, [])]
     if head != columns:
-        needs = f"has columns {ascii(head)[:200]}; needs {', '.join(columns)}, tab-separated"
+        needs = f"has columns {ascii(head)[:200]}; needs {', '.join(columns)}, tab-separated, above all rows"
         raise UserError(f"{path}, line {first}: {needs}")
     for number, row in rows:
         if len(row) != len(columns):

@@ -132,7 +132,7 @@ def test_published_checkpoints_are_files_of_the_cache(tmp_path):
         assert large["models"]["clip_checkpoint"] == "/data/models/ViT-B-16-quickgelu.dfn2b.bin"
 
 
-def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
+def test_the_page_lists_every_key_that_follows_the_set():
     lines = (PRESETS.parents[1] / "docs/models.md").read_text().splitlines()
     for section, name in FOLLOW:
         (row,) = [line for line in lines if line.startswith("| `") and f"`{section}.{name}`" in line]
@@ -141,10 +141,6 @@ def test_the_page_lists_every_key_that_follows_the_set_and_every_model():
             value = DEFAULTS[models][section][name]
             written = f"{value:g}" if isinstance(value, float) else str(value)
             assert ("null" if value is None else written) in cell, row
-    for one in CATALOGUE:
-        (row,) = [line for line in lines if line.startswith(f"| `{one.architecture}` |")]
-        digest = "yes" if one.sha256 else "no"
-        assert one.license.partition(",")[0] in row and row.endswith(f"| {one.megabytes:,.0f} | {digest} |")
 
 
 def test_the_catalogue_is_consistent(monkeypatch):
