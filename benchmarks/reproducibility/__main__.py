@@ -83,7 +83,7 @@ def page(work: Path) -> str:
     text = Path(__file__).with_name("reading.md").read_text().strip()
     places = {
         "MACHINE": provenance.machine(),
-        "STAGES": markdown(["made by", *found], stages, words=1 + len(found)),
+        "STAGES": markdown(["stage", *found], stages, words=1 + len(found)),
         "SCORES": markdown(
             ["", "queries hit", "mIoU", "static PSNR"], [scores(work, one) for one in (REFERENCE, LIMITS[-1])]
         ),
