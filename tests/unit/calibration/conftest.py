@@ -18,11 +18,7 @@ NAMES = [f"{number}.png" for number in range(1, 7)]
 
 def synthetic_model() -> pycolmap.Reconstruction:
     """Six pictures ``1.png`` to ``6.png`` of one camera with radial distortion, and thirty points."""
-    camera = {
-        "camera_width": WIDTH,
-        "camera_height": HEIGHT,
-        "camera_params": [60.0, 31.0, 25.0, 0.05, -0.01],
-    }
+    camera = {"camera_width": WIDTH, "camera_height": HEIGHT, "camera_params": [60.0, 31, 25, 0.05, -0.01]}
     model = synthesized(3, 6, 30, camera_model_id=pycolmap.CameraModelId.RADIAL, **camera)
     for image, name in zip(sorted(model.images.values(), key=lambda one: one.image_id), NAMES, strict=True):
         image.name = name

@@ -14,6 +14,7 @@ from egosplat.calibration.known_poses import check_numbers, find_known_poses, ma
 from egosplat.calibration.lens import Lens
 from egosplat.calibration.ply import read_points
 from egosplat.errors import UserError
+from tests.support import ROOT
 from tests.support.scenes import sideways
 from tests.unit.calibration.conftest import HEIGHT, NAMES, WIDTH
 
@@ -201,12 +202,21 @@ def test_a_bad_transforms_file_is_named(pictures, transforms, changes, problem):
 
 
 def test_a_pose_written_with_few_digits_is_made_rigid(pictures, transforms):
-    pose = np.eye(4)
-    pose[:3, :3] = [[0.8660, -0.5, 0.0], [0.5, 0.8660, 0.0], [0.0, 0.0, 1.0]]
+    pose = np.array([[0.8660, -0.5, 0, 0], [0.5, 0.8660, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     transforms(frames=frame(transform_matrix=pose.tolist()))
     (found,) = read_known_poses(pictures, "transforms", *SIZE).camera_to_world
     np.testing.assert_allclose(found[:3, :3] @ found[:3, :3].T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(found, pose * [1, -1, -1, 1], atol=1e-4)
+
+
+def test_the_script_of_the_page_converts_a_data_set(pictures, model, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(pictures, "sequence/rgb")
+    rows = {image.name: image.cam_from_world().inverse().matrix().ravel() for image in model.images.values()}
+    np.savetxt("sequence/poses.txt", [[*rows[name], 0, 0, 0, 1] for name in NAMES])
+    page = (ROOT / "docs/recordings.md").read_text(encoding="utf-8")
+    exec(page.partition("```python\n")[2].partition("```")[0], {})  # noqa: S102
+    check_poses(read_known_poses(Path("converted"), "transforms", 640, 480), model)
 
 
 MATCHES = {
@@ -246,8 +256,7 @@ def test_names_that_match_twice_or_never_are_named(tmp_path):
 
 
 def test_numbers_beyond_a_video_are_named(tmp_path):
-    """Tools that take a video apart count from 1."""
-    check_numbers(["00011.png", "other.png"], 12, tmp_path)
+    check_numbers(["00011.png", "other.png"], 12, tmp_path)  # tools that take a video apart count from 1
     with pytest.raises(UserError, match="00012.png: the video has the frames 0 to 11"):
         check_numbers(["00001.png", "00012.png"], 12, tmp_path)
 

@@ -136,8 +136,7 @@ def test_the_page_lists_every_key_that_follows_the_set():
     lines = (PRESETS.parents[1] / "docs/models.md").read_text().splitlines()
     for section, name in FOLLOW:
         (row,) = [line for line in lines if line.startswith("| `") and f"`{section}.{name}`" in line]
-        cells = [cell.strip().replace("`", "") for cell in row.split("|")]
-        for cell, models in zip(cells[2:4], ("small", "published"), strict=True):
+        for cell, models in zip(row.replace("`", "").split("|")[2:4], ("small", "published"), strict=True):
             value = DEFAULTS[models][section][name]
             written = f"{value:g}" if isinstance(value, float) else str(value)
             assert ("null" if value is None else written) in cell, row
