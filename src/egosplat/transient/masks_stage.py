@@ -141,8 +141,7 @@ def _score(inputs: _Inputs, rows: NDArray[np.int64]) -> tuple[InstanceScores, In
         labels, probability = inputs.labels(frame), transient.row("probability", frame)
         by_probability.add(labels, probability)
         shown = shown_pixels(frames, frame, np.ones(probability.shape, bool))
-        values = probability.astype(np.float64)
-        total += float((values if shown.all() else np.where(shown, values, 0.0)).mean())
+        total += float(np.where(shown, probability.astype(np.float64), 0.0).mean())
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return by_probability, outstanding, total / max(len(rows), 1)

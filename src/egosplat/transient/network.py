@@ -21,11 +21,6 @@ with without_compiler():
 # timm's name, and the default widths of segmentation_models_pytorch's U-Net.
 ENCODER = "mobilenetv3_small_050"
 DECODER_WIDTHS = (256, 128, 64, 32, 16)
-# Input pixels per pixel of the encoder's last features.
-STRIDE = 32
-
-# With a side of one stride, the last features would be a single pixel, on which batch norm cannot train.
-LEAST_SIDE = 64
 
 # Mean and standard deviation of ImageNet, sRGB in [0, 1].
 _MEAN, _STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -90,12 +85,7 @@ class Decoder(nn.Module):
 
 
 def make_network(input_size: int, sideways: bool, encoder_weights: Path | None, seed: int) -> TransientNet:
-    """Create H with encoder weights from a file, or random ones. The decoder is always random, from ``seed``
-    (UserError: the size is invalid, or the file is missing, damaged or of another architecture)."""
-    if input_size % STRIDE or input_size < LEAST_SIDE:
-        raise UserError(
-            f"transient.input_size = {input_size}: must be a multiple of {STRIDE}, and at least {LEAST_SIDE}"
-        )
+    """Create H from ``seed``, with encoder weights of a file if given (UserError: missing, damaged or unfit)."""
     # Leaves the global random generator untouched.
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)

@@ -1,5 +1,6 @@
 """The loss that trains H and temporary Gaussians together (the paper's initialization stage), and the unit of its penalty."""
 
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
+from torch.optim.adam import adam
 
 from egosplat.gaussians.loss import Objective, l2
 from egosplat.gaussians.training_views import Views
@@ -19,6 +21,10 @@ STANDS_OUT = 3.5
 
 # Variance of rounding to 8 bits: a smaller residual says nothing about the scene.
 LEAST_SCALE = (1 / 255) ** 2 / 12
+
+# Defaults of torch.optim.Adam. The class itself imports torch's compiler, which takes 3 to 10 seconds.
+_AS_ADAM = {"beta1": 0.9, "beta2": 0.999, "eps": 1e-8, "weight_decay": 0.0}
+_AS_ADAM |= {"amsgrad": False, "maximize": False}
 
 
 class InitialObjective(Objective):
@@ -40,7 +46,10 @@ class InitialObjective(Objective):
         self._options = options
         self._warmup = round(options.warmup * options.iterations)
         # The tests' device has no fused step. Without it, a step on a CPU takes three times as long.
-        self._adam = torch.optim.Adam(self._weights, lr=options.lr, fused=device.type in ("cpu", "cuda"))
+        fused = device.type in ("cpu", "cuda")
+        self._adam = partial(adam, lr=options.lr, fused=fused, **_AS_ADAM)
+        self._moments = [[torch.zeros_like(weight) for weight in self._weights] for _ in range(2)]
+        self._steps = [torch.zeros((), device=device if fused else None) for _ in self._weights]
         self._probability = torch.zeros(options.iterations, device=device)
         self._iteration = 0
         self.residuals = ResidualScale(device)
@@ -72,6 +81,7 @@ class InitialObjective(Objective):
         unit = self.residuals.unit(index) if in_residuals else 1.0
         return factor * l2(image, picture, weight) + penalty * unit * told.mean()
 
+    @torch.no_grad()
     def step(self) -> None:
         """Update H, except during warm-up and if a gradient is not finite."""
         if self._warming_up:
@@ -79,20 +89,20 @@ class InitialObjective(Objective):
         grads = [weight.grad for weight in self._weights if weight.grad is not None]
         # One step with NaN would make all later predictions NaN.
         if bool(torch.nn.utils.get_total_norm(grads).isfinite()):
-            self._adam.step()
-        self._adam.zero_grad()
+            self._adam(self._weights, grads, *self._moments, [], self._steps)
+        for weight in self._weights:
+            weight.grad = None
 
     def mean_probability(self, iterations: list[int]) -> NDArray[np.float64]:
         """Return the mean M between consecutive ``iterations``, from iteration 0 on; 0 during warm-up."""
-        ends = np.array([0, *iterations])
         means = self._probability.cpu().double().numpy()
-        return np.array([means[a:b].mean() for a, b in pairwise(ends)])
+        return np.array([means[a:b].mean() for a, b in pairwise([0, *iterations])])
 
     def state_dict(self) -> dict[str, Any]:
         """Return H, its optimizer, the residuals, the curve and the iteration, for ``load_state_dict``."""
         return {
             "net": dict(self.net.state_dict()),
-            "adam": self._adam.state_dict(),
+            "adam": [*self._moments, self._steps],
             "probability": self._probability,
             "iteration": self._iteration,
             "residuals": self.residuals.state_dict(),
@@ -101,7 +111,7 @@ class InitialObjective(Objective):
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore a state from ``state_dict``."""
         self.net.load_state_dict(state["net"])
-        self._adam.load_state_dict(state["adam"])
+        *self._moments, self._steps = state["adam"]
         self._probability = state["probability"]
         self._iteration = state["iteration"]
         self.residuals.load_state_dict(state["residuals"])

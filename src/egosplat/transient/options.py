@@ -63,6 +63,7 @@ class TransientOptions(RecipeOptions, CameraOptions, SeedOptions, BackendOptions
     """Adam learning rate of the network. A weight moves by about as much an iteration: with the paper's 1e-5 and
     7,000 iterations by 0.07, which left all pixels near 0.5. The stage and egosplat doctor say so below 0.7."""
 
+    # The encoder halves five times. Of 32 px a single one would be left, on which batch norm cannot train.
     input_size: Annotated[int, Field(ge=64, multiple_of=32)] = 96
     """Side in pixels of the square network input, a multiple of 32. EgoLifter uses 224. Small moving objects need a
     larger input; the network's time grows with its square."""

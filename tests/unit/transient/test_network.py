@@ -61,9 +61,3 @@ def test_weights_that_do_not_fit_are_rejected(tmp_path, change):
         save_file(tensors, path)
     with pytest.raises(UserError, match=r"(?s)model.safetensors.*mobilenetv3_small_050"):
         make_network(64, False, path, 0)
-
-
-@pytest.mark.parametrize("size", [32, 100])
-def test_a_size_that_does_not_fit_is_rejected(size):
-    with pytest.raises(UserError, match=f"input_size = {size}"):
-        make_network(size, False, None, 0)
