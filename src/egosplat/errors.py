@@ -5,6 +5,7 @@ import errno
 import re
 import resource
 from collections.abc import Callable, Iterator
+from numbers import Integral
 
 # Error numbers of a full disk, an exhausted quota, and a file larger than the limit.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
@@ -45,6 +46,13 @@ class UserError(Exception):
 
     def __init__(self, message: str) -> None:
         super().__init__(without_secrets(message))
+
+
+def read_whole(name: str, value: object, least: int = 0) -> int:
+    """A whole number that a caller of the library gave (UserError: it is none, or smaller than ``least``)."""
+    if not isinstance(value, Integral) or value < least:
+        raise UserError(f"{name} is {value!r:.40}; give a whole number from {least} on")
+    return int(value)
 
 
 def without_secrets(text: str) -> str:

@@ -36,6 +36,7 @@ AREAS = {
     "gaussians": "Training",
     "models": "SAM2 and OpenCLIP",
     "chain": "Whole scenes",
+    "library": "The library",
 }
 """By the folder of the tests; the table's order."""
 

@@ -1,7 +1,6 @@
 """The axis convention agrees with projectaria-tools and with independent formulas."""
 
 import numpy as np
-import pytest
 from projectaria_tools.core import calibration
 from scipy.spatial.transform import Rotation
 
@@ -11,9 +10,7 @@ from egosplat.geometry import (
     Camera,
     interpolate_poses,
     invert,
-    is_rigid,
     make_pose,
-    rotation_angle,
     to_aria_pixels,
     transform,
 )
@@ -65,24 +62,6 @@ def test_points_not_in_front_of_the_camera_project_to_nan():
     assert camera.contains(corners).tolist() == [True, False, True]
 
 
-def test_rigid_motions_are_recognized():
-    good = random_poses(1)[0]
-    scaled, mirrored, unknown, skewed = (good.copy() for _ in range(4))
-    scaled[:3, :3] *= 1.01
-    mirrored[:3, 0] *= -1
-    unknown[0, 3] = np.nan
-    skewed[3, 0] = 0.1
-    assert is_rigid(np.stack([good, scaled, mirrored, unknown, skewed])).tolist() == [True] + [False] * 4
-
-
-@pytest.mark.parametrize(
-    "times, at", [([0, 0], [0]), ([1, 0], [0]), ([0], [0]), ([0, 10], [11]), ([0, 10], [-1])]
-)
-def test_interpolation_rejects_unsorted_times_and_extrapolation(times, at):
-    with pytest.raises(ValueError):
-        interpolate_poses(np.array(times), random_poses(len(times)), np.array(at))
-
-
 def test_interpolation_is_exact_on_rows_and_halves_the_arc():
     rotations = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi / 2]]).as_matrix()
     poses = make_pose(rotations, np.array([[0.0, 0, 0], [2.0, 4, 0]]))
@@ -92,9 +71,3 @@ def test_interpolation_is_exact_on_rows_and_halves_the_arc():
     np.testing.assert_allclose(found[1, :3, 3], [1, 2, 0], atol=1e-15)
     turn = Rotation.from_matrix(found[1, :3, :3]).as_rotvec()
     np.testing.assert_allclose(turn, [0, 0, np.pi / 4], atol=1e-12)
-
-
-def test_small_rotation_angles_are_accurate():
-    for angle in (0.0, 1e-9, 1e-3, 3.0, np.pi):
-        pose = make_pose(Rotation.from_rotvec([0, angle, 0]).as_matrix(), np.zeros(3))
-        assert rotation_angle(pose) == pytest.approx(angle, abs=1e-12, rel=1e-6)

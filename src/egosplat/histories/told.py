@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 
@@ -69,13 +70,19 @@ class Place:
         return f"{what} from {clock(self.since_s)} {'on' if self.until_s is None else f'to {clock(self.until_s)}'}"
 
 
+def read_second(given: object) -> float:
+    """A time [s since the first frame] that a caller of the library gave (UserError: it is no number)."""
+    if not isinstance(given, Real) or math.isnan(given):
+        raise UserError(f"{given!r:.40} is no time; give seconds since the first frame, as 65")
+    return float(given)
+
+
 def place_at(history: Sequence[Carried], second: float) -> Place | None:
     """Where a thing was at a time [s], by its carries in the order of time; None without any (UserError: the time is NaN).
 
     A time before the recording is as its first frame, a time after it as its last.
     """
-    if math.isnan(second):
-        raise UserError("nan is no time; give seconds since the first frame, as 65")
+    second = read_second(second)
     now = next((one for one in history if one.from_s <= second <= one.until_s), None)
     if now is not None:
         return Place(None, now.from_s, now.until_s, carried=now.certain)

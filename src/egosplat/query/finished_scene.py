@@ -15,7 +15,7 @@ from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage, locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.schemas import SCHEMAS, camera_poses, length_unit, seconds_of
-from egosplat.errors import UserError
+from egosplat.errors import UserError, read_whole
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Array, Camera, known_poses
 from egosplat.histories.known import Histories, Rests
@@ -54,7 +54,7 @@ class Frames:
         return self.artifact.shape("rgb")[0]
 
     def __getitem__(self, frame: int) -> NDArray[np.uint8]:
-        if not 0 <= frame < len(self):
+        if not 0 <= (frame := read_whole("frame", frame)) < len(self):
             raise IndexError(frame)
         return self.artifact.row("rgb", frame)
 
@@ -81,6 +81,8 @@ class Scene:
         for artifact in (*self.given, *self.made_from.found.values()):
             if artifact.schema.name == name:
                 return artifact
+        if name not in SCHEMAS:
+            raise UserError(f"{name!r} is no artifact; there are {', '.join(SCHEMAS)}")
         artifact = open_artifact(self.folder / f"{name}.zarr", SCHEMAS[name])
         check_made_from(artifact, *self.given)
         return artifact
@@ -255,11 +257,14 @@ class Scene:
         UserError: the OpenCLIP of the features is missing, the view has no pose, or a key is not valid.
         """
         options = self.options.change_keys(**keys)
+        most = read_whole("most", most, 1)
         return list(self.reply(self.read(phrases), most, self.viewpoint(frame, pose, second), options))
 
     def read(self, texts: Iterable[str]) -> list[Question]:
         """Read texts as questions, each once."""
-        names = words_to_try(self.clip)
+        names, texts = words_to_try(self.clip), list(texts)
+        if others := [one for one in texts if not isinstance(one, str)]:
+            raise UserError(f"a query is a text, not {others[0]!r:.40}")
         return list(dict.fromkeys(one for text in texts for one in read_questions(self.clip, text, names)))
 
     def reply(
@@ -308,6 +313,8 @@ class Scene:
             every = ask_scene(self.asked, self.surface, texts, options, many)
             rows = zip(texts.phrases, every, strict=True)
             return (self._judged(texts.of([phrase]), things, most, options) for phrase, things in rows)
+        if not texts.phrases:
+            return iter(())
         matches = Asker(self.asked, texts, options, self.rests).ask(texts.phrases, self.camera, viewpoint)
         grading = grades.by_score(options.min_score)
         return (grades.judge_view(one, self._unknown(texts.of([one.phrase])), grading) for one in matches)
@@ -363,7 +370,7 @@ class Scene:
         if frame is None:
             return None
         count = len(self.poses)
-        if not 0 <= frame < count:
+        if not 0 <= (frame := read_whole("frame", frame)) < count:
             raise UserError(f"frame {frame}: there are {count} frames, 0 to {count - 1}")
         nearest = self._posed[np.abs(self._posed - frame).argmin()]
         if nearest != frame:
@@ -392,7 +399,7 @@ class Scene:
             place = innermost(mask), None, mask.astype(np.float32)
             return ViewMatch(phrase, 1.0, "track", *place, "track", mask)
         at = Viewpoint(f"frame {thing.frame}", self.poses[thing.frame], self.valid)
-        options = self.options.change(resolution=resolution)
+        options = self.options.change_keys(resolution=resolution)
         return show_thing(self.asked, thing, self.encode([phrase]), self.camera, at, options)
 
     def grading(self, options: QueryOptions | None = None) -> grades.Grading:

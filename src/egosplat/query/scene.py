@@ -19,6 +19,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import TrainedScene
 from egosplat.geometry import Array, Camera, is_rigid
 from egosplat.histories.known import Rests
+from egosplat.histories.told import read_second
 from egosplat.language.decoder import Decoder, read_decoder
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
@@ -148,4 +149,6 @@ class Viewpoint:
         if matrix.shape != (4, 4) or not is_rigid(matrix):
             what = "camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
             raise UserError(f"{where}: {what}")
-        return Viewpoint(name, matrix, None, second)
+        if (far := np.abs(matrix).max()) > 1e18:  # float32 holds its square
+            raise UserError(f"{where}: is {far:.0e} m from the origin, at most 1e+18")
+        return Viewpoint(name, matrix, None, None if second is None else read_second(second))

@@ -29,7 +29,7 @@ MIN_DEPTH_ALPHA = 1e-10
 # Largest camera z that is rendered.
 FAR_PLANE = 1e10
 
-MAX_SH_DEGREE = 3
+MAX_SH_DEGREE, MOST_PIXELS = 3, 2**28
 RENDER_MODES = ("RGB", "D", "ED", "RGB+D", "RGB+ED")
 RASTERIZE_MODES = ("classic", "antialiased")
 
@@ -145,8 +145,8 @@ def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
 
 
 def _check_numbers(a: Arguments) -> None:
-    if a.width < 1 or a.height < 1:
-        raise ValueError(f"the image is {a.width} x {a.height} pixels")
+    if min(a.width, a.height) < 1 or a.width * a.height > MOST_PIXELS:
+        raise ValueError(f"the image is {a.width} x {a.height} pixels; 1 to {MOST_PIXELS:,} are drawn")
     # A positive near plane keeps the perspective division and the viewing direction finite.
     if not 0.0 < a.near_plane < a.far_plane:
         raise ValueError(f"near_plane {a.near_plane} and far_plane {a.far_plane} must satisfy 0 < near < far")

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2, vq
+from torch.nn import functional
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.initialization import SH_C0
@@ -62,12 +63,15 @@ def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]
     """
     means, opacities = (values.cpu().numpy() for values in (gaussians.means, gaussians.opacities))
     colors = gaussians.sh.cpu().numpy()[:, : (min(sh_degree, SH_DEGREE) + 1) ** 2]
-    bands = colors[:, 1:].reshape(len(means), -1)
-    log_scale, scale_range = _quantize(gaussians.scales.log().cpu().numpy())
+    bands = colors[:, 1:].reshape(len(means), 3 * (colors.shape[1] - 1))
+    logs = gaussians.log_scales.cpu().numpy()
+    usual = np.median(logs) if logs.size else 0.0
+    log_scale, scale_range = _quantize(
+        logs.clip(usual - 12, usual + 12)
+    )  # an extreme one coarsens the others
     color, color_range = _quantize(colors[:, 0] * SH_C0 + 0.5)
     limit = float(np.quantile(np.abs(bands), 1 - _CUT_OFF)) if bands.size else 0.0
-    quats = gaussians.quats.cpu().numpy()
-    quats = quats / np.linalg.norm(quats, axis=1, keepdims=True)
+    quats = functional.normalize(gaussians.quats.cpu(), dim=1, eps=1e-30).numpy()
     arrays = _quantize_centers(means) | {
         "log_scale": log_scale.T,
         "rotation": np.rint(quats * 127).astype(np.int8).T,

@@ -1,4 +1,4 @@
-"""Write a table as CSV, GitHub Markdown or HTML, from one frame of texts and one of styles."""
+"""Write a table as CSV or HTML."""
 
 import re
 from collections.abc import Iterator
@@ -11,47 +11,15 @@ from egosplat_rivals.scored_scenes import Cell
 from egosplat_rivals.tables.table import SYNTHETIC, Layout, Row, blocks, number, ranks
 
 COMMAND = "egosplat tables"
-# First line of a Markdown file, a comment.
-MARKDOWN_MARK = f"<!-- {COMMAND} -->"
-
-# A table with more columns shows no intervals in Markdown.
-MANY = 8
-
-_MARKDOWN = str.maketrans(
-    {"&": "&amp;", "<": "&lt;", ">": "&gt;"} | {one: f"\\{one}" for one in r"\`*_{}[]|~$#"}
-)
-
 # By rank: none, the best number, the second best one.
-_MARKDOWN_RANKS = ("{}", "**{}**", "*{}*")
 _STYLE_RANKS = ("", "font-weight: bold; color: #c00000", "font-weight: bold; color: #007070")
 _LABEL = "text-align: left; white-space: normal; min-width: 19rem; font-size: .85rem"
 _TITLE, _SYNTHETIC = "font-style: italic", "background-color: #fdf3dc"
 
 
-def markdown(text: str) -> str:
-    """Escape the special characters of Markdown, also inside a table."""
-    return text.translate(_MARKDOWN)
-
-
-def to_markdown(table: Layout) -> str:
-    """Write one Markdown table. The best number of a block is bold, the second best italic."""
-    few = len(table.columns) <= MANY
-    texts, titles = _texts(table, " ({}–{})" if few else ""), _titles(table)
-    texts = texts.map(markdown)
-    for (line, column), rank in _ranked(table):
-        texts.iloc[line, column] = _MARKDOWN_RANKS[rank].format(texts.iloc[line, column])
-    label = len(table.components)
-    texts.iloc[titles, label] = [f"**{title}**" for title in texts.iloc[titles, label]]
-    texts.columns = [markdown(" ".join(filter(None, one))) for one in texts.columns]
-    align = ["center"] * label + ["left"] + ["right"] * (texts.shape[1] - label - 1)
-    body = texts.to_markdown(index=False, disable_numparse=True, colalign=align)
-    notes = "\n".join(f"- {markdown(str(note))}" for note in table.notes)
-    return f"{MARKDOWN_MARK}\n\n### {markdown(table.caption)}\n\n{body}\n\n{notes}".strip() + "\n"
-
-
 def to_html(table: Layout) -> str:
     """Write a table element; below a measured number is its interval. Synthetic rows are yellow, the best numbers red and teal."""
-    label, texts = len(table.components), _texts(table, "\n{}–{}")
+    label, texts = len(table.components), _texts(table)
     if not any(over for over, _ in texts.columns):
         texts.columns = texts.columns.droplevel(0)
     styles = pd.DataFrame("", texts.index, texts.columns)
@@ -139,26 +107,26 @@ def _ranked(table: Layout) -> Iterator[tuple[tuple[int, int], int]]:
         )
 
 
-def _texts(table: Layout, interval: str) -> pd.DataFrame:
-    """The table as texts, with a line for the title of each block; ``interval`` formats the bounds of one, or is empty."""
+def _texts(table: Layout) -> pd.DataFrame:
+    """The table as texts, with a line for the title of each block."""
     costs = (("a scene", "CPU min"), ("a scene", "GiB")) if table.has_costs else ()
     numbers = (*table.headings, *costs)
     columns = [*(("", name) for name in table.components), ("", "Method"), *numbers]
     lines: list[list[str]] = []
     for title, own in blocks(table.rows):
         lines.append([*[""] * len(table.components), title, *[""] * len(numbers)])
-        lines += [_text_line(table, row, interval) for row in own]
+        lines += [_text_line(table, row) for row in own]
     return pd.DataFrame(lines, columns=pd.MultiIndex.from_tuples(columns))
 
 
-def _text_line(table: Layout, row: Row, interval: str) -> list[str]:
+def _text_line(table: Layout, row: Row) -> list[str]:
     steps = ["✓" if used else "" for used in row.steps]
     marks = row.marks or ("",) * len(row.cells)
     cells = [
         number(cell.percent)
         + (f" (of {len(cell.scenes)})" if cell.scenes and cell.scenes != row.scenes else "")
         + (f" [{mark}]" if mark else "")
-        + (interval.format(*map(number, cell.interval)) if interval and cell.interval else "")
+        + ("\n{}–{}".format(*map(number, cell.interval)) if cell.interval else "")
         for cell, mark in zip(row.cells, marks, strict=True)
     ]
     costs = [number(one) for one in row.cost or (None, None)] if table.has_costs else []

@@ -10,17 +10,15 @@ from egosplat.files import write_text
 from egosplat.progress import log
 from egosplat.report.html_page import render_page
 from egosplat_rivals.scored_scenes import ScoredScene, Series, check_protocol, find_series, read_scored_scene
-from egosplat_rivals.tables.formats import COMMAND, to_csv, to_html, to_markdown
+from egosplat_rivals.tables.formats import COMMAND, to_csv, to_html
 from egosplat_rivals.tables.page import TEMPLATE, Picture, Section, plain_table
 from egosplat_rivals.tables.paper_numbers import in_a_table
 from egosplat_rivals.tables.paper_tables import paper_tables
 from egosplat_rivals.tables.table import Layout
 
-_FORMATS = {"csv": to_csv, "md": to_markdown}
-
 
 def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> None:
-    """Write each of ``egosplat_rivals.tables.paper_numbers.LAYOUTS`` as CSV and Markdown, and all on one HTML page.
+    """Write each of ``egosplat_rivals.tables.paper_numbers.LAYOUTS`` as CSV, and all on one HTML page.
 
     ``metrics`` are ``metrics.json`` of variants and of other methods; those of no table are logged and left out. ``pictures``
     are PNG or JPEG files for the end of the page. Files are written atomically; equal inputs give equal bytes.
@@ -38,8 +36,7 @@ def run(metrics: Sequence[Path], output: Path, *, pictures: Sequence[Path]) -> N
     tables = paper_tables(series)
     page, path = write_page(tables, series, pictures), output / "tables.html"
     for table in tables:
-        for suffix, form in _FORMATS.items():
-            write_text(output / f"{table.name}.{suffix}", form(table))
+        write_text(output / f"{table.name}.csv", to_csv(table))
     write_text(path, page)
     log(f"{len(scenes)} scored scenes in {len(tables)} tables: {path}")
 

@@ -12,7 +12,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from benchmarks.published_models.weights import save_clip, save_encoder, save_sam2
+from benchmarks.published_weights import save_clip, save_encoder, save_sam2
 from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.compute import choose_compute

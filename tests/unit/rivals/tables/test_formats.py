@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from egosplat_rivals.scored_scenes import Cell
-from egosplat_rivals.tables.formats import markdown, to_csv, to_html, to_markdown
+from egosplat_rivals.tables.formats import to_csv, to_html
 from egosplat_rivals.tables.stage import write_page
 from egosplat_rivals.tables.table import Layout, Note, Row
 
@@ -59,25 +59,6 @@ def test_html_has_a_row_a_line_with_its_interval_and_colors(table):
     styles = dict(re.findall(r"#T_ablation_([^ ]+) {([^}]+)}", text.replace(", #T", " {} #T")))
     assert "#c00000" in text and "#007070" in text and "row0_col3" not in styles
     assert "#T_ablation_row5_col4" in text and "#T_ablation_row1_col0" not in text, "synthetic rows"
-
-
-def test_markdown_shows_ranks_notes_and_intervals(table):
-    text = re.sub(" +", " ", to_markdown(table))
-    assert "| ✓ | | LERF | **67.5 \\[a\\]** | *0.0* |" in text
-    assert "average of 2 of 3 scenes | 40.0 (30.0–52.0) | 12.3 (of 1) (10.0–15.0) |" in text
-    assert "| none | - | - |" in text
-    assert "- \\[a\\] Odd &amp; strange\\_one.\n- Another." in text
-    assert "**Synthetic: not ADT**" in text and "<script" not in text
-    rows = [line for line in text.splitlines() if line.startswith("|")]
-    assert {len(re.findall(r"(?<!\\)\|", line)) for line in rows} == {6}
-    wide = layout(row(("real", "b"), "m", *[CELLS[0]] * 18), times=9)
-    assert "30.0" not in to_markdown(wide), "many columns leave no room for intervals"
-
-
-@pytest.mark.parametrize("special", "\\`*_{}[]|~$#<>&")
-def test_markdown_escapes(special):
-    escaped = markdown(f"a{special}b")
-    assert escaped in (f"a\\{special}b", {"<": "a&lt;b", ">": "a&gt;b", "&": "a&amp;b"}.get(special))
 
 
 def test_csv_holds_every_number_of_a_cell(table):
