@@ -97,7 +97,8 @@ def format_ranges(numbers: set[int]) -> str:
 
 def _line(what: str, done: int, total: int | None, seconds: float, unit: str) -> str:
     rate = done / seconds if seconds > 0 else 0.0
-    text = f"{what}: {done}" + (f"/{total}" if total is not None else "") + f" {unit}s, {rate:.1f} {unit}s/s"
+    speed = f"{seconds / done:.0f} s a {unit}" if 0 < rate < 0.1 else f"{rate:.1f} {unit}s/s"
+    text = f"{what}: {done}" + (f"/{total}" if total is not None else "") + f" {unit}s, {speed}"
     if total is not None and 1 < done < total and rate > 0:  # the first item may wait for a program's start
         text += f", {(total - done) / rate:.0f} s left"
     return text

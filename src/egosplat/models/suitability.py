@@ -7,7 +7,7 @@ from egosplat.artifacts.provenance import joint_origin
 from egosplat.artifacts.reader import Artifact
 from egosplat.models.checkpoints import CLIP, PHOTOS, SAM2, SMALL
 
-_FETCH = "Set models.set to light, and fetch the checkpoints with egosplat models download --config models.set=light"
+_FETCH = "Set models.set to light: egosplat run fetches it, and so does egosplat models download --config models.set=light"
 
 # The warning in the label of a table's row.
 BRIEF = "trained on synthetic apartments only"
@@ -19,8 +19,7 @@ def notice(origin: str, checkpoints: Mapping[str, str]) -> str | None:
     if origin != "real":
         return None
     if PHOTOS in checkpoints.values():
-        told = "names ImageNet's 1,000 classes, hardly any in the dark pictures of Aria glasses"
-        return f"models.set photos {told}; its masks come from the small SAM2, which was {BRIEF}. {_FETCH}"
+        return f"models.set photos knows ImageNet's 1,000 classes, few in dark pictures; its SAM2 was {BRIEF}. {_FETCH}"
     small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value == SMALL]
     told = f"the small checkpoints ({', '.join(small)}) were {BRIEF}: results on a real recording"
     return f"{told} are unreliable. {_FETCH}" if small else None

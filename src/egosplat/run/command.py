@@ -78,7 +78,7 @@ def make_scene(
         # The inputs of the page are all that a query needs; Snakemake makes anew only what is named.
         stages = ("scene_page", *STAGES["scene_page"].inputs)
         words += ["--", *(str(scene.results / STAGES[name].output) for name in stages)]
-        log(f"Snakemake plans the steps, which takes seconds; to go on with: {shlex.join(words)}")
+        log(f"Snakemake plans the steps, which takes seconds; to continue yourself: {shlex.join(words)}")
         with during(scene.results):
             if run_snakemake(words):
                 raise UserError(f"{scene.name}: a step failed; Snakemake names it and its log above")
@@ -143,8 +143,8 @@ def choose_set(config: LayeredConfig, row: dict[str, str], anew: bool) -> dict[s
         models = parse_options(earlier[1]["options"], str(earlier[0])).get("models", {})
         return {"models.set": models.get("set", PHOTOS)}  # rows without one are of older versions
     why = why_unreachable(find_needed([light.config]))
-    bundled = f"the bundled models serve, which know less. For others: --set models.set=light ({why})"
-    log(bundled if why else "small published models serve; --set models.set=photos is faster without a GPU")
+    bundled = f"bundled models, which know less. With a network: --set models.set=light ({why})"
+    log(bundled if why else "small published models; --set models.set=photos is faster without a GPU")
     return {"models.set": PHOTOS if why else LIGHT}
 
 
