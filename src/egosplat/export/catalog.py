@@ -43,6 +43,7 @@ def run(
     rows = [tuple(header.split(","))]
     for thing in things:
         rows += answer_rows(replace(thing, phrase=" or ".join([thing.phrase, *thing.also])), grading)
+    rows += [] if things else [(f"nothing is a best guess or found; for words, egosplat query {folder} cup",)]
     notice = notice_of_artifacts(scene.made_from.found.values())
     table = "\n".join(filter(None, [f"{folder}, origin {scene.origin}", notice, align_rows(rows)]))
     yield json.dumps(document, indent=1) if as_json else table
@@ -77,7 +78,6 @@ def _record(scene: Scene, answer: Answer) -> dict[str, Any]:
     record |= {"answer": answer.refusal or answer.grade, "origin": scene.origin, "unit": scene.unit}
     for thing in answer.things:
         record |= {scene.grading().measure: thing.rating, "level": thing.level, "frame": thing.frame}
-        record |= dict(
-            zip(_PLACE, [*thing.center.round(4).tolist(), *thing.size.round(4).tolist()], strict=True)
-        )
+        place = [*thing.center.round(4).tolist(), *thing.size.round(4).tolist()]
+        record |= dict(zip(_PLACE, place, strict=True))
     return record | ({"carried": ", ".join(one.told for one in answer.history)} if answer.history else {})

@@ -51,6 +51,7 @@ def test_the_table_and_its_files_tell_of_each_thing(page_scene, tmp_path, run_co
     assert couch.grade == "found" and couch.things[0].center[0] < -0.3 and cup.things[0].center[0] > 0.3
     assert not carried.things and carried.history[0].end.tolist() == [*PUT_DOWN]
     call = partial(run_command, "catalog", folder)
+    assert "words, egosplat query" in run_command("catalog", page_scene, "--set", "min_score=1")[1]
     status, table, _ = call("--output", tmp_path / "x.csv")
     told = [line.replace(" or ", "  ").split("  ")[0] for line in table.splitlines()[2:6]]
     rows = pd.read_csv(tmp_path / "x.csv")
@@ -59,8 +60,7 @@ def test_the_table_and_its_files_tell_of_each_thing(page_scene, tmp_path, run_co
     np.testing.assert_allclose(rows[["x", "y", "z"]].to_numpy()[:3], centers, atol=1e-4)
     assert rows.carried[3] == carried.history[0].told and rows.size_x.isna().tolist() == [False] * 3 + [True]
     assert call("--output", tmp_path / "x.json")[0] == call("--output", tmp_path / "x")[0] == 0
-    document = json.loads((tmp_path / "x.json").read_text())
-    assert document == json.loads(call("--json")[1])
+    assert (document := json.loads((tmp_path / "x.json").read_text())) == json.loads(call("--json")[1])
     assert [one["phrase"] for one in document] == [*rows.name] and (tmp_path / "x/things.csv").is_file()
     clouds = sorted(len(trimesh.load(path).vertices) for path in (tmp_path / "x").glob("*.ply"))
     assert clouds == sorted(len(answer.things[0].members) for answer in (cup, couch, wall))
