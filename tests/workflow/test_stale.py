@@ -145,7 +145,6 @@ WITHOUT_EFFECT = (
     ("gaussians/trainer.py", "training resumes after iteration", "training goes on after iteration"),
     ("instances/lifted_masks.py", "lifting masks", "placing masks"),
     # Of formats, sources of poses and methods that the scene does not use.
-    ("calibration/colmap/mapping.py", "MIN_POINTS = 50", "MIN_POINTS = 60"),
     ("poses/colmap.py", *CODE),
     ("frames/pictures.py", "FOCAL_PRIOR = 1.2", "FOCAL_PRIOR = 1.3"),
     ("frames/hoi4d.py", "_MAX_LABEL = 6", "_MAX_LABEL = 7"),

@@ -42,9 +42,9 @@ def mean(array: str) -> Callable[[Artifact], Figures | None]:
 
 def points_per_frame(poses: Artifact) -> Figures | None:
     notes = poses.facts.get("notes", {})
-    # A device's own points, and a file of poses without any, are no structure from motion.
-    points = notes.get("points", 0) if "parallax_deg" in notes else 0
-    return _share(points, int(poses.read("registered").sum()), points=points) if points else None
+    # A device's own points are no structure from motion.
+    own, points = "parallax_deg" not in notes, notes.get("points")
+    return None if own and points != 0 else _share(points, int(poses.read("registered").sum()), points=points)
 
 
 def unconnected_models(poses: Artifact) -> Figures | None:

@@ -42,10 +42,9 @@ class FramesOptions(Options):
     """File of a plain recording with its calibration and poses (docs/recordings.md). colmap: the folder colmap or
     sparse/0, a COLMAP model. transforms: transforms.json. auto: whichever exists. none: neither."""
 
-    lens: Literal["auto", "radial", "pinhole"] = "auto"
+    lens: Literal["auto", "pinhole"] = "auto"
     """Whether frames of a plain recording without a calibration are rectified from radial distortion that COLMAP
-    estimates from up to 30 of them. auto: if the frames ask for it (docs/recordings.md). radial: always. pinhole:
-    never, and without the estimate."""
+    estimates from up to 30 of them. auto: if the frames ask for it (docs/recordings.md). pinhole: never."""
 
 
 class AnnotationsOptions(Options):

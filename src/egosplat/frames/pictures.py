@@ -106,8 +106,8 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     if kind is None and span_s > 0 and (rate := (len(frames) - 1) / span_s) >= 2 * ENOUGH_PER_S:
         stride = f"frames.stride={options.stride * int(rate / ENOUGH_PER_S)}"
         log(f"{path.name}: {len(frames)} frames, {rate:.0f} a second; {stride} makes COLMAP faster")
-    if not every.lenses:
-        pictures = _estimate_lens(pictures, full, options.lens)
+    if not every.lenses and options.lens == "auto":
+        pictures = _estimate_lens(pictures, full)
     source, pinhole = pictures.source, pictures.pinhole
     shown, left_out = _shared_mask(pictures)
     return Recording(
@@ -213,11 +213,11 @@ def _choose_frames(
     return frames, labeled
 
 
-def _estimate_lens(pictures: Pictures, full: Camera, wanted: str) -> Pictures:
+def _estimate_lens(pictures: Pictures, full: Camera) -> Pictures:
     """The pictures with the lens that frames of unknown cameras ask for, if any."""
     valid, count = resize_mask(pictures.valid, *pictures.size), len(pictures.source.pictures)
     camera, shown = full.scaled_to(*pictures.size), pictures.shown if pictures.any_masked else None
-    lens = lens_of_frames(wanted, lambda at: pictures.read(at, valid), count, valid, camera, shown)
+    lens = lens_of_frames(lambda at: pictures.read(at, valid), count, valid, camera, shown)
     if lens is None:
         return pictures
     source = replace(pictures.source, lenses=[lens.scaled_to(full.width, full.height)])

@@ -1,7 +1,6 @@
-"""Initialize Gaussians at the points of the poses artifact, at image cells that show none, or at random
-points. Trackers find points at corners only. On windows, plain walls and lamps Gaussians grow slowly without
-points, and unfinished geometry looks transient. Points are float64 NumPy arrays, Gaussians float32 tensors;
-random numbers depend on the seed only."""
+"""Initialize Gaussians at the points of the poses artifact, and at image cells that show none. Trackers find
+points at corners only. On windows, plain walls and lamps Gaussians grow slowly without points, and unfinished
+geometry looks transient. Points are float64 NumPy arrays, Gaussians float32 tensors."""
 
 import numpy as np
 import torch
@@ -10,7 +9,6 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.schemas import length_unit
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.schedule import TrainingOptions
@@ -36,9 +34,6 @@ _LEAST_SQUARED_DISTANCE = 1e-5
 # Width of the Gaussian at a lone point, and the scene extent for a camera that hardly moves.
 _LONE_SCALE, _LEAST_EXTENT = 1.0, 10.0
 
-# Largest distance of random points from their camera, in scene extents (gsplat's ``init_extent``).
-_REACH = 3.0
-
 # Number of cells along the longer side of a photograph, about 11 px of 512; smallest side of a cell [px].
 CELLS, _LEAST_CELL = 48, 2.0
 
@@ -53,9 +48,9 @@ _COARSEST = 1e-3
 
 
 def starting_gaussians(poses: Artifact, views: Views, options: TrainingOptions) -> Gaussians:
-    """Gaussians, without features, at the points visible from training cameras, or at random points if there
-    are none. UserError: the scene is too far from the world's origin for float32, or too small or too large
-    for the renderer."""
+    """Gaussians, without features, at the points visible from training cameras, and in cells without any.
+    UserError: the scene is too far from the world's origin for float32, or too small or too large for the
+    renderer."""
     cameras, near_plane, seed = views.camera_to_world, options.render.near_plane, options.seed
     max_points = min(options.max_points, options.max_gaussians)
     _check_origin(poses, cameras, near_plane)
@@ -68,10 +63,7 @@ def starting_gaussians(poses: Artifact, views: Views, options: TrainingOptions) 
         visible[far[_random_subset(len(far), max_points // _FAR_PART, seed)]] = True
     log(f"{visible.sum()} of {len(xyz)} points are visible in training views")
     xyz, rgb = xyz[visible], rgb[visible]
-    if not len(xyz):
-        log(f"no initial points: starting from {max_points} random points")
-        xyz, rgb = random_points(max_points, views.camera, cameras, near_plane=near_plane, seed=seed)
-    elif options.densify_init:
+    if options.densify_init or not len(xyz):
         # Points beyond the budget are dropped before, because each view projects all of them.
         xyz, rgb = _densify(*_subset(xyz, rgb, max_points, seed), views, max_points, near_plane, seed)
     keys = {"sh_degree": options.sh_degree, "max_points": max_points, "seed": seed}
@@ -92,25 +84,18 @@ def _check_origin(poses: Artifact, camera_to_world: Points, near_plane: float) -
 def _check_depths(poses: Artifact, xyz: Points, views: Views, near_plane: float) -> None:
     """Check that the renderer shows most of the scene: otherwise the world has another unit than the near plane."""
     depths = seen_depths(xyz, views, 0.0)
-    spread = float(np.ptp(views.camera_to_world[:, :3, 3], axis=0).max())
-    known = poses.facts["notes"].get("source") == "known"
-    depth = float(np.median(depths)) if len(depths) else spread
+    if not len(depths) or np.mean((depths >= near_plane) & (depths <= FAR_PLANE)) >= 0.5:
+        return
+    depth = float(np.median(depths))
     remedies = [f"set run.near_plane={depth / 20:.1g}"] if depth <= FAR_PLANE else []
-    if known:
+    if poses.facts["notes"].get("source") == "known":
         file = poses.facts["notes"]["file"]
         remedies.insert(0, f"set poses.meters_per_unit to the meters of one unit of {file}")
     advice = f"To repair it, {', or '.join(remedies) or 'scale the poses and points'}"
-    if len(depths) and np.mean((depths >= near_plane) & (depths <= FAR_PLANE)) < 0.5:
-        raise UserError(
-            f"{poses.path}: the median depth of its points is {depth:.2g}; Gaussians are rendered from run.near_plane = "
-            f"{near_plane:g} to {FAR_PLANE:g} only.\n{advice}"
-        )
-    # Without points, cameras at nearly one place only turn, unless nothing tells the unit.
-    if known and length_unit(poses) != "m" and not len(xyz) and 0 < spread < near_plane:
-        raise UserError(
-            f"{poses.path}: without points, and its cameras lie within {spread:.2g}, less than run.near_plane = "
-            f"{near_plane:g}.\n{advice}"
-        )
+    raise UserError(
+        f"{poses.path}: the median depth of its points is {depth:.2g}; Gaussians are rendered from run.near_plane = "
+        f"{near_plane:g} to {FAR_PLANE:g} only.\n{advice}"
+    )
 
 
 def _densify(
@@ -141,19 +126,22 @@ def _random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
 def densify(xyz: Points, rgb: Colors, views: Views, near_plane: float) -> tuple[Points, Colors]:
     """Points and colors, with new ones at the end so that each image cell of evenly spaced views shows one, if it
     shows any. A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell
-    with points, its color that of the photograph. Points added for one photograph count for the next.
-    ``xyz``, ``rgb``: (P, 3) float64 world points [m], finite, and (P, 3) uint8. Cells with an invalid middle
-    get no point."""
+    with points, or the scene's extent where a view shows none, its color that of the photograph. Points added for
+    one photograph count for the next. ``xyz``, ``rgb``: (P, 3) float64 world points [m], finite, and (P, 3)
+    uint8. Cells with an invalid middle get no point."""
     camera = views.camera
     centers = _cell_centers(camera)
     columns, rows = centers.astype(np.int64).transpose(2, 0, 1)
+    extent = scene_extent(views.camera_to_world, near_plane)
     shows = np.ones(rows.shape, bool) if views.valid is None else views.valid.cpu().numpy()[rows, columns] > 0
     for view in evenly_spaced(len(views), _DENSIFIED_VIEWS):
         pose, image = views.camera_to_world[view], views.pictures[view].numpy()
         depth = _cell_depths(xyz, camera, pose, centers.shape[:2], near_plane)
         empty = shows & np.isnan(depth)
-        if not empty.any() or np.isnan(depth).all():
+        if not empty.any():
             continue
+        if np.isnan(depth).all():
+            depth[:] = extent
         # In the image, not in space: neighboring cells mostly show the same surface.
         _, nearest = distance_transform_edt(np.isnan(depth), return_indices=True)
         nearest_depth = depth[tuple(nearest)][empty]
@@ -194,13 +182,7 @@ def _cell_depths(
 
 
 def from_points(
-    xyz: Points,
-    rgb: Colors,
-    *,
-    sh_degree: int,
-    max_points: int,
-    seed: int,
-    near_plane: float = 0.1,
+    xyz: Points, rgb: Colors, *, sh_degree: int, max_points: int, seed: int, near_plane: float = 0.1
 ) -> Gaussians:
     """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
     Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1,
@@ -276,21 +258,3 @@ def seen_depths(points: Points, views: Views, near_plane: float) -> NDArray[np.f
 def in_picture(local: Points, camera: Camera, *, near_plane: float) -> NDArray[np.bool_]:
     """Test which points (P, 3) in camera axes [m] lie in the image, at ``near_plane`` or beyond; (P,) bool."""
     return camera.contains(camera.project(local)) & (local[:, 2] >= near_plane)
-
-
-def random_points(
-    count: int, camera: Camera, camera_to_world: Points, *, near_plane: float, seed: int
-) -> tuple[Points, Colors]:
-    """Sample points and colors for a scene without points, uniformly in the viewing volumes of (F, 4, 4)
-    cameras. They lie between ``near_plane`` and three scene extents; regions seen by more cameras get more
-    points. Returns (count, 3) float64 world points [m] and (count, 3) uint8 colors, for ``from_points``."""
-    generator = np.random.default_rng(seed)
-    far_plane = near_plane + _REACH * scene_extent(camera_to_world, near_plane)
-    which = generator.integers(len(camera_to_world), size=count)
-    # The cross-section of a frustum grows with z², so z³ is uniform.
-    depth = np.cbrt(generator.uniform(near_plane**3, far_plane**3, size=count))
-    u, v = generator.uniform(size=(2, count)) * np.array([[camera.width], [camera.height]])
-    local = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy, np.ones(count)], axis=1)
-    pose = camera_to_world[which]
-    points = np.einsum("nij,nj->ni", pose[:, :3, :3], local * depth[:, None]) + pose[:, :3, 3]
-    return points, generator.integers(256, size=(count, 3), dtype=np.uint8)

@@ -10,20 +10,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from egosplat.calibration.files import MPS_FOLDER, POINTS, TRAJECTORIES, find_points
+from egosplat.calibration.files import MPS_FOLDER, TRAJECTORIES, find_points
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, known_poses
 from egosplat.poses.options import PosesOptions
-from egosplat.poses.result import Poses, mean_camera_up
+from egosplat.poses.result import Poses
 from egosplat.poses.trajectory import MAX_POSITION_M, interpolate_trajectory, read_trajectory
-from egosplat.progress import log
 
 # Longest gap in the device's trajectory that is interpolated [ms]: one missing row of ground truth, which has one every
 # 33.3 ms; a closed-loop trajectory has one a millisecond.
 MAX_GAP_MS = 50.0
-
-# A head looks down by less than this on average; beyond it, the frames are probably not upright.
-MAX_TILT_DEG = 60.0
 
 # The cameras that observe the points are monochrome, so the file has no colors.
 GRAY = 128
@@ -43,8 +39,8 @@ def adt_poses(
 ) -> Poses:
     """Interpolate the trajectory of an ADT recording at its frames, and read its points [m]
     (docs/method.md#poses). Frames outside the trajectory, or between rows further apart than ``MAX_GAP_MS``,
-    are not registered. UserError if a file is missing or damaged, no frame lies within the trajectory, or
-    (closed loop) no point is usable. ``exposure_middle_ns``: (F,) int64 middle of each exposure, in the
+    are not registered. UserError if the trajectory is missing, a file is damaged, or no frame lies within the
+    trajectory. ``exposure_middle_ns``: (F,) int64 middle of each exposure, in the
     device's clock. ``device_from_camera``: (4, 4) float64; camera axes are those of the (upright) frames."""
     path = folder / TRAJECTORIES[options.trajectory]
     if not path.is_file():
@@ -54,7 +50,7 @@ def adt_poses(
     trajectory = read_trajectory(path)
     # EgoLifter takes the nearest row instead (docs/method.md#trajectory).
     world_from_device = interpolate_trajectory(trajectory, exposure_middle_ns, MAX_GAP_MS)
-    if not len(registered := known_poses(world_from_device)):
+    if not len(known_poses(world_from_device)):
         first, last = trajectory.timestamp_ns[[0, -1]] * 1e-9
         raise UserError(
             f"{path} covers {first:.3f} s to {last:.3f} s, and no frame from {exposure_middle_ns.min() * 1e-9:.3f} s to "
@@ -63,23 +59,15 @@ def adt_poses(
         )
     # Both trajectories are in ADT's scene frame, which ADT publishes already aligned: no alignment is needed here.
     camera_to_world = world_from_device @ device_from_camera
-    points = read_semidense_points(folder, options)
-    up = mean_camera_up(camera_to_world[registered])
-    # Accurate for small angles, unlike the arc cosine.
-    tilt = float(np.degrees(np.arctan2(np.linalg.norm(np.cross(trajectory.up, up)), trajectory.up @ up)))
-    if tilt > MAX_TILT_DEG:
-        log(f"{path}: up is {tilt:.0f} degrees from up in the frames: are the frames upright?")
+    points = read_semidense_points(folder)
     colors = np.full(points.shape, GRAY, np.uint8)
     return Poses(camera_to_world, camera, points, colors, trajectory.up, {"scale": "meters"})
 
 
-def read_semidense_points(folder: Path, options: PosesOptions) -> NDArray[np.float64]:
-    """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter).
-    UserError if the file is damaged, or a closed loop has none of them."""
-    path, required = find_points(folder / MPS_FOLDER), options.trajectory == "closed_loop"
-    if path is None and required:
-        raise UserError(f"{folder / MPS_FOLDER} has no {' or '.join(POINTS)}: download the MPS point cloud")
-    if path is None:
+def read_semidense_points(folder: Path) -> NDArray[np.float64]:
+    """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter); none
+    without a file. UserError if it is damaged."""
+    if (path := find_points(folder / MPS_FOLDER)) is None:
         return np.empty((0, 3))
     try:
         table = pd.read_csv(path, usecols=_COLUMNS, dtype=np.float64)
@@ -89,10 +77,4 @@ def read_semidense_points(folder: Path, options: PosesOptions) -> NDArray[np.flo
     # A position that is no number is not within it either.
     near = (np.abs(position) <= MAX_POSITION_M).all(axis=1)
     sure = (table["inv_dist_std"] < MAX_INV_DIST_STD) & (table["dist_std"] < MAX_DIST_STD_M)
-    points = position[near & sure.to_numpy()]
-    if not len(points) and required:
-        raise UserError(
-            f"{path}: none of {len(table)} points passes inv_dist_std < {MAX_INV_DIST_STD} and dist_std < {MAX_DIST_STD_M}: "
-            "process the recording again, or set poses.trajectory to ground_truth"
-        )
-    return points
+    return position[near & sure.to_numpy()]

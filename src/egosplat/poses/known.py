@@ -13,13 +13,7 @@ from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.poses.options import PosesOptions
-from egosplat.poses.result import (
-    MAX_REPROJECTION_ERROR_PX,
-    MIN_TRACK_LENGTH,
-    Poses,
-    find_parallax,
-    mean_camera_up,
-)
+from egosplat.poses.result import MAX_ERROR_PX, MIN_TRACK_LENGTH, Poses, find_parallax, mean_camera_up
 from egosplat.progress import format_ranges, log
 
 
@@ -45,7 +39,7 @@ def known_poses(recording: Path, facts: Mapping[str, Any], options: PosesOptions
     if not finite.all():
         log(f"{path}: leaves out {(~finite).sum()} of {len(known.points)} points, which are not finite")
     # Errors in pixels of the frames. A file without views says nothing about its points' depths.
-    near = known.point_error_px * (camera.width / pinhole.width) <= MAX_REPROJECTION_ERROR_PX
+    near = known.point_error_px * (camera.width / pinhole.width) <= MAX_ERROR_PX
     kept = finite & near & ((known.point_views >= MIN_TRACK_LENGTH) | ~known.point_views.any())
     points, up = known.points[kept] * scale, mean_camera_up(camera_to_world[registered])
     notes = {

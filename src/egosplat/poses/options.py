@@ -8,10 +8,9 @@ from egosplat.pipeline.options import READING, Options, Positive, Share
 class PosesOptions(Options):
     """Camera poses, and the points that initialize the Gaussians."""
 
-    method: Literal["auto", "device", "known", "colmap"] = "auto"
-    """Source of the poses. device: the device's own trajectory (ADT only). known: a file of a plain recording
-    (frames.known_poses). colmap: COLMAP on the frames. auto: the trajectory or the file if the recording has one,
-    else COLMAP."""
+    method: Literal["auto", "colmap"] = "auto"
+    """Source of the poses. colmap: COLMAP on the frames. auto: the device's trajectory (ADT) or a file of a plain
+    recording (frames.known_poses) if the recording has one, else COLMAP."""
 
     trajectory: Annotated[Literal["closed_loop", "ground_truth"], READING] = "closed_loop"
     """ADT trajectory. closed_loop: the output of Aria's machine perception (docs/method.md#trajectory).

@@ -14,7 +14,7 @@ _MIN_MEAN_UP = 1e-3
 
 # Points of a structure from motion that are kept. Two views alone leave a point's depth unchecked.
 MIN_TRACK_LENGTH = 3
-MAX_REPROJECTION_ERROR_PX = 2.0
+MAX_ERROR_PX = 2.0
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def find_parallax(centers: NDArray[np.float64], points: NDArray[np.float64]) -> float | None:
-    """Angle under which the median of (P, 3) points sees all (N, 3) cameras [deg]; without points 0 for cameras at one place, else None."""
-    extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
+    """Angle under which the median of (P, 3) points sees all (N, 3) cameras [deg]; None without points."""
     if not len(points):
-        return None if extent > 0 else 0.0
+        return None
+    extent = float(np.linalg.norm(np.ptp(centers, axis=0)))
     away = float(np.median(np.linalg.norm(points - centers.mean(axis=0), axis=1)))
     return float(np.degrees(np.arctan2(extent, away)))

@@ -3,37 +3,36 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
 from egosplat.artifacts.writer import create
-from egosplat.calibration.files import KNOWN_POSES, poses_source
+from egosplat.calibration.files import poses_source
 from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.pipeline.stages import load_module
 from egosplat.poses.options import PosesOptions
+from egosplat.poses.points import Views, add_points
 from egosplat.poses.result import Poses
 from egosplat.progress import log
 
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: PosesOptions) -> None:
     """Write the poses artifact of ``frames``; UserError if the trajectory is missing or damaged, or COLMAP fails."""
-    frames, name = open_artifact(frames_path, FRAMES), recording_path.name
+    frames = open_artifact(frames_path, FRAMES)
     has_device, kind = frames.facts["device_from_camera"] is not None, frames.facts.get("known_poses")
-    if options.method == "device" and not has_device:
-        raise UserError(f"poses.method = device: {name} has no device trajectory; use colmap or auto")
-    if options.method == "known" and kind is None:
-        raise UserError(
-            f"poses.method = known: {name} has neither {' nor '.join(KNOWN_POSES.values())} "
-            "(docs/recordings.md), or frames.known_poses is none"
-        )
     source = poses_source(options.method, has_device, kind is not None)
     if options.meters_per_unit is not None and source != "known":
         only = "only known poses have a unit (docs/recordings.md)"
         raise UserError(f"poses.meters_per_unit: {only}; remove the key")
     record = provenance.begin_from("poses", options.as_dict(), [frames], chosen=source)
     poses = _find_poses(source, recording_path, frames, options)
+    if source != "colmap" and not len(poses.points):
+        log(f"{recording_path.name}: its poses come without points, which are triangulated")
+        views = _views(frames, np.flatnonzero(poses.registered))
+        poses = add_points(poses, views, options, opengl=kind == "transforms")
     log(f"{poses.registered.sum()} of {len(poses.registered)} frames have a pose; {len(poses.points)} points")
     with create(output, POSES, record) as artifact:
         artifact.put("camera_to_world", poses.camera_to_world)
@@ -53,8 +52,11 @@ def _find_poses(source: str, recording: Path, frames: Artifact, options: PosesOp
         return module.adt_poses(recording, frames.read("exposure_middle_ns"), device, camera, options)
     if source == "known":
         return module.known_poses(recording, facts, options)
-    count, valid = frames.shape("rgb")[0], frames.read("valid")
-    shown = (shown_pixels(frames, index, valid) for index in range(count)) if frames.has("masked") else None
-    images = (frames.row("rgb", index) for index in range(count))
-    about = {"shown": shown, "frame_keys": frames.provenance["options"]}
-    return module.colmap_poses(images, valid, camera, facts["camera_known"], options, **about)
+    views, keys = _views(frames, np.arange(frames.shape("rgb")[0])), frames.provenance["options"]
+    return module.colmap_poses(views, camera, facts["camera_known"], options, frame_keys=keys)
+
+
+def _views(frames: Artifact, chosen: NDArray[np.int64]) -> Views:
+    valid = frames.read("valid")
+    shown = (shown_pixels(frames, index, valid) for index in chosen) if frames.has("masked") else None
+    return (frames.row("rgb", index) for index in chosen), valid, shown

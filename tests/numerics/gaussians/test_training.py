@@ -1,5 +1,6 @@
 """Training survives broken, empty and single-color input and excessive learning rates."""
 
+import re
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -43,11 +44,11 @@ def test_broken_points(scene, run, capsys):
     assert "37 of 40 points" in capsys.readouterr().err
 
 
-@pytest.mark.numerics("no point; no visible point", outside="random points in front of the cameras")
+@pytest.mark.numerics("no point; no visible point", outside="one in each cell of a picture, one extent away")
 @pytest.mark.parametrize("xyz", [points(0), points(5) - [0, 0, 9]])
 def test_no_points(scene, run, capsys, xyz):
     run(scene(**{"points/xyz": xyz, "points/rgb": colors(len(xyz))}), iterations=10)
-    assert "60 random points" in capsys.readouterr().err
+    assert re.search("[1-9][0-9]* points added", capsys.readouterr().err)
 
 
 @pytest.mark.numerics("one point; 40 points at one place", outside="Gaussian of 0.1 m; of 0.3 mm")
@@ -202,7 +203,7 @@ def test_units(scene, run, measured):
 
 
 @pytest.mark.numerics(
-    "most points before the near plane or beyond the far plane; none, cameras within the near plane",
+    "most points before the near plane or beyond the far plane",
     outside="UserError names run.near_plane, and poses.meters_per_unit of known poses",
 )
 @pytest.mark.parametrize("unit", [1e-3, 1e10])
@@ -213,10 +214,6 @@ def test_units_that_the_renderer_does_not_reach(scene, run, left, unit, known):
     keys = ["run.near_plane = 0.1", *(["poses.meters_per_unit"] if known else [])]
     with pytest.raises(UserError, match=".*\n?.*".join(keys)):
         run(folder)
-    if known and unit < 1:
-        empty = {"points/xyz": points(0), "points/rgb": colors(0)}
-        with pytest.raises(UserError, match=".*\n?.*".join(keys)):
-            run(scene(facts=notes, **in_unit(unit) | empty))
     assert not left(folder)
 
 

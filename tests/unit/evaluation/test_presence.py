@@ -10,13 +10,7 @@ from egosplat.frames.recording import Instance
 NAMES = ["couch", "cup"]
 
 
-@pytest.mark.parametrize(
-    "present, absent, area",
-    [
-        ([0.5, 0.5], [0.5], 0.5),
-        ([0.9, 0.3], [0.5, 0.1], 0.75),
-    ],
-)
+@pytest.mark.parametrize("present, absent, area", [([0.5, 0.5], [0.5], 0.5), ([0.9, 0.3], [0.5, 0.1], 0.75)])
 def test_separation_is_the_share_of_pairs_in_the_right_order_ties_half(present, absent, area):
     assert separation(present, absent) == pytest.approx(area)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from egosplat.gaussians.initialization import SH_C0, from_points, random_points, seen
+from egosplat.gaussians.initialization import SH_C0, from_points, seen
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera, make_pose
 
@@ -52,16 +52,3 @@ def test_visibility_is_checked_in_all_cameras() -> None:
     assert one.tolist() == [True, False, False, False, False, False]
     assert two.tolist() == [True, False, False, False, True, False]
     assert seen(points[:0], CAMERA, poses((0, 0, 0)), near_plane=0.1).shape == (0,)
-
-
-def test_random_points_can_all_be_seen_and_follow_the_seed() -> None:
-    cameras = poses((0, 0, 0), (40, 0, 0))
-    points, rgb = random_points(500, CAMERA, cameras, near_plane=0.1, seed=4)
-    assert points.shape == (500, 3) and rgb.shape == (500, 3) and rgb.dtype == np.uint8
-    assert seen(points, CAMERA, cameras, near_plane=0.1).all()
-    for camera in cameras:
-        assert seen(points, CAMERA, camera[None], near_plane=0.1).mean() > 0.3
-    again, _ = random_points(500, CAMERA, cameras, near_plane=0.1, seed=4)
-    other, _ = random_points(500, CAMERA, cameras, near_plane=0.1, seed=5)
-    assert np.array_equal(points, again) and not np.array_equal(points, other)
-    assert start(points, rgb).count == 500

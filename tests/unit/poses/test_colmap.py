@@ -16,8 +16,9 @@ from egosplat.calibration.colmap.mapping import MIN_SEEN, drop_loose_images
 from egosplat.calibration.colmap.matching import sequential_pairs
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, make_pose
-from egosplat.poses.colmap import colmap_poses, filter_points
+from egosplat.poses.colmap import colmap_poses
 from egosplat.poses.options import PosesOptions
+from egosplat.poses.points import filter_points
 from tests.support.recordings import synthesized
 from tests.unit.poses.conftest import CAMERA
 
@@ -28,7 +29,7 @@ GUESS = Camera(240, 180, 260.0, 260.0, 120.0, 90.0)
 
 def reconstruct(images, camera=CAMERA, known=True, threads=2, **options):
     valid, keys = np.ones((camera.height, camera.width), np.bool_), PosesOptions(**options)
-    return colmap_poses(iter(images), valid, camera, known, keys, threads=threads)
+    return colmap_poses((iter(images), valid, None), camera, known, keys, threads=threads)
 
 
 def noise(seed):
@@ -85,18 +86,6 @@ def test_a_guessed_focal_length_is_refined(walk_images, true_poses):
     assert poses.camera.fy == pytest.approx(CAMERA.fy, rel=0.01)
     assert (poses.camera.cx, poses.camera.cy) == (GUESS.cx, GUESS.cy)
     assert trajectory_error(poses.camera_to_world, true_poses)["ate_rmse_m"] < 0.01
-
-
-@pytest.mark.parametrize("known", [True, False])
-def test_a_guessed_camera_is_marked_as_a_guess(walk_images, tmp_path, known):
-    given = pycolmap.Camera(model="PINHOLE", width=240, height=180, params=[260.0, 261.0, 120.0, 90.0])
-    given.has_prior_focal_length = known
-    project = Project(tmp_path, given)
-    project.write_images(walk_images[:3])
-    project.import_images()
-    with pycolmap.Database.open(project.database) as database:
-        (camera,) = database.read_all_cameras()
-    assert camera.has_prior_focal_length == known and (camera.params == given.params).all()
 
 
 def test_unrelated_frames_are_left_out_and_reported(walk_images, estimated, true_poses):

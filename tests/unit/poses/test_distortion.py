@@ -8,7 +8,6 @@ import pytest
 from egosplat.calibration.colmap import distortion
 from egosplat.calibration.colmap.distortion import choices, compare, lens_of_frames
 from egosplat.calibration.lens import Lens
-from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from tests.support.recordings import synthesized
 
@@ -57,7 +56,7 @@ def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
     about = source, None, cv2.INTER_LINEAR, None, cv2.BORDER_REFLECT
     images = [cv2.remap(image, *about) for image in room.images(room.walk(12))]
     valid = np.ones((180, 240), bool)
-    found = lens_of_frames("auto", lambda frames: (images[i] for i in frames), 12, valid, room.camera)
+    found = lens_of_frames(lambda frames: (images[i] for i in frames), 12, valid, room.camera)
     assert found
     assert found.params[3] == pytest.approx(-0.15, abs=0.05)
     assert found.pinhole.fx == pytest.approx(lens.pinhole.fx, rel=0.05)
@@ -66,9 +65,6 @@ def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
 def test_frames_without_a_model_are_taken_as_pinhole_pictures(capsys):
     camera = Camera(64, 48, 77.0, 77.0, 32.0, 24.0)
     blank = [np.full((48, 64, 3), 90, np.uint8)] * 4
-    given = (lambda frames: (blank[i] for i in frames), 4, np.ones((48, 64), bool), camera)
-    assert lens_of_frames("pinhole", *given) is None
-    assert lens_of_frames("auto", *given) is None
+    valid = np.ones((48, 64), bool)
+    assert lens_of_frames(lambda frames: (blank[i] for i in frames), 4, valid, camera) is None
     assert "taken as a pinhole camera, because" in capsys.readouterr().err
-    with pytest.raises(UserError, match="frames.lens = radial: .*texture"):
-        lens_of_frames("radial", *given)

@@ -7,6 +7,7 @@ import pycolmap
 import pytest
 from PIL import Image
 
+from egosplat.alarms.artifact_alarms import alarms_of
 from egosplat.alarms.table import TABLE
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, length_unit
@@ -71,17 +72,25 @@ def test_pictures_without_a_pose_are_told_and_left_out(recording, capsys):
         run(recording, {}, min_registered=0.9)
 
 
+def test_without_points_and_features_an_alarm_tells_it(recording, capsys):
+    model = pycolmap.Reconstruction(recording / "colmap")
+    for number in [*model.points3D]:
+        model.delete_point3D(number)
+    model.write_binary(recording / "colmap")
+    _, poses = run(recording, {})
+    assert poses.shape("points/xyz")[0] == 0 and "texture" in capsys.readouterr().err
+    assert [alarm.key for alarm in alarms_of(poses)][-1] == "poses.points"
+
+
 def test_a_still_camera_has_no_parallax():
     points = np.array([[0.0, 0.0, 4.0], [1.0, 0.0, 5.0], [0.0, 1.0, 6.0]])
     moving, still = np.array([[0.0, 0, 0], [0.6, 0, 0]]), np.array([[0.0, 0, 0], [0.3, 0, 0]])
     assert find_parallax(moving, points) > TABLE["poses.parallax"].limit > find_parallax(still, points) > 0
-    assert find_parallax(still, points[:0]) is None and find_parallax(still * 0, points[:0]) == 0
+    assert find_parallax(still, points[:0]) is None
     assert find_parallax(still * 0, points * 0) == 0
 
 
 def test_keys_that_do_not_fit_are_named(recording):
-    with pytest.raises(UserError, match="poses.method = known: pictures has neither colmap nor transforms"):
-        run(recording, {"known_poses": "none"}, method="known")
     with pytest.raises(UserError, match="poses.meters_per_unit"):
         run(recording, {"known_poses": "none"}, meters_per_unit=1.0)
 

@@ -5,14 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from egosplat.geometry import Camera, invert, make_pose, transform
-from egosplat.survey.rigid import (
-    View,
-    fit_correction,
-    robust_scale,
-    static_residual,
-    static_segment,
-    turn,
-)
+from egosplat.survey.rigid import View, fit_correction, robust_scale, static_residual, static_segment, turn
 
 CAMERA = Camera(256, 256, 90.0, 95.0, 127.0, 130.0)
 NEAR = 0.5

@@ -36,6 +36,10 @@ _MIN_FREE_BYTES = 2**25
 _MASK_MARGIN = 0.01
 
 
+class TooFewError(UserError):
+    """There are too few images, or features in them."""
+
+
 class Project:
     """The files of one COLMAP run in a folder, and the names of its images in the order of the frames.
 
@@ -73,7 +77,7 @@ class Project:
             self.names.append(f"{index:06d}.png")
             _write_png(self.images / self.names[-1], cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
         if (count := len(self.names)) < MIN_IMAGES:
-            raise UserError(f"COLMAP needs {MIN_IMAGES} frames or more, not {count}: use more frames")
+            raise TooFewError(f"COLMAP needs {MIN_IMAGES} frames or more, not {count}: use more frames")
 
     def write_masks(self, valid: NDArray[np.bool_], shown: Iterable[NDArray[np.bool_]] | None) -> None:
         """Write masks of the (H, W) bool pixels of all images, and of each, that show the scene; others have no features."""
@@ -116,7 +120,7 @@ class Project:
             if not poor:
                 break
         if (sufficient := int((counts >= MIN_FEATURES).sum())) < MIN_IMAGES:
-            raise UserError(
+            raise TooFewError(
                 f"COLMAP finds too little texture: {sufficient} of {len(counts)} frames have {MIN_FEATURES}"
                 f" features or more (median {int(np.median(counts))}, maximum {counts.max()}); use sharper, brighter"
                 " or larger frames"

@@ -43,31 +43,20 @@ Evidence = dict[str, Any]
 
 
 def lens_of_frames(
-    wanted: str,
-    read: ReadFrames,
-    count: int,
-    valid: NDArray[np.bool_],
-    camera: Camera,
-    shown: ShownIn | None = None,
+    read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera, shown: ShownIn | None = None
 ) -> Lens | None:
-    """The lens that frames are rectified from, by ``frames.lens``; None if they are not.
+    """The lens that frames are rectified from, if they ask for it; None if they do not.
 
-    ``auto`` is a lens if the frames ask for it, ``radial`` one always (or a UserError), ``pinhole`` none. ``read`` yields the (H, W, 3)
-    uint8 frames of increasing indices, of ``count``; ``valid`` and ``shown(index)`` are the (H, W) bool pixels that show the scene in
-    all and in each; ``camera`` is a guess.
+    ``read`` yields the (H, W, 3) uint8 frames of increasing indices, of ``count``; ``valid`` and ``shown(index)`` are the (H, W) bool
+    pixels that show the scene in all and in each; ``camera`` is a guess.
     """
-    if wanted == "pinhole":
-        return None
     log("lens: looking for distortion in the frames (frames.lens=pinhole skips this)")
     try:
         lens, evidence = _estimate(read, count, valid, camera, shown)
-        rectified = evidence["distorted"] or wanted == "radial"
-        if rectified:
+        if evidence["distorted"]:
             lens.check("the estimated lens")
     except UserError as error:
         reason = str(error).partition("\n")[0]
-        if wanted == "radial":
-            raise UserError(f"frames.lens = radial: the lens cannot be estimated: {reason}") from error
         log(f"lens: taken as a pinhole camera, because it cannot be estimated: {reason}")
         return None
     verdict = "radial distortion" if evidence["distorted"] else "no distortion to rectify"
@@ -76,7 +65,7 @@ def lens_of_frames(
         "chance {chance:.1g}); it moves features by up to {bend_px:.2f} px, which are precise to {median_px:.2f} px and "
         "reach {reach:.0%} of the way to the corners".format(verdict=verdict, **evidence)
     )
-    return lens if rectified else None
+    return lens if evidence["distorted"] else None
 
 
 def _estimate(

@@ -1,11 +1,11 @@
-"""COLMAP's three steps on the images of one camera; the third is incremental mapping.
+"""COLMAP's three steps on the images of one camera; the third is incremental mapping, or triangulation with known poses.
 
 Global mapping takes longer (a fox 11 CPU-seconds, not 6), and bends what hands carry before the camera: it puts floors of one
 room at 74 degrees to each other, where incremental mapping leaves 8.
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from egosplat.calibration.colmap.database import MIN_IMAGES, Project
 from egosplat.calibration.colmap.matching import SEED, match_images
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.files import scratch_directory
+from egosplat.geometry import Array, invert
 from egosplat.progress import track
 
 # A model with fewer points is noise, not a scene.
@@ -37,6 +38,7 @@ def reconstruct(
     camera: pycolmap.Camera,
     matching: str,
     threads: int | None = None,
+    poses: Sequence[Array] = (),
 ) -> tuple[list[pycolmap.Reconstruction], dict[str, Any]]:
     """Find models of images, named by their numbers, in a temporary folder of a prefix.
 
@@ -45,22 +47,37 @@ def reconstruct(
         valid, shown: (H, W) bool pixels that show the scene in all images, and in each (None: as ``valid``).
         camera: of all images; its focal lengths and distortion are refined unless it ``has_prior_focal_length``.
         matching, threads: as of ``match_images``; None: all threads of this process.
+        poses: (N, 4, 4) camera_to_world of all images; each makes one model, with these poses and triangulated points.
 
     Returns the models with enough points (images without common views end in different ones, or in none) and numbers for the notes.
-    UserError if there are too few images or features, the camera stands still, or the disk is full.
+    UserError if there are too few images or features (``TooFewError``), the disk is full, or, without poses, the camera stands still.
     """
     threads = threads or len(os.sched_getaffinity(0))
     with scratch_directory(prefix) as folder:
         project = Project(folder, camera)
         project.write_images(images)
         project.write_masks(valid, shown)
-        check_camera_moves(project)
+        if not poses:
+            check_camera_moves(project)
         pycolmap.set_random_seed(SEED)
         project.import_images()
         project.extract(threads)
         notes = {"frames": len(project.names)} | match_images(project, matching, threads)
         project.check_free_space()
-        return _map(project), notes
+        return [_triangulate(project, each) for each in poses] if poses else _map(project), notes
+
+
+def _triangulate(project: Project, camera_to_world: Array) -> pycolmap.Reconstruction:
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(project.camera)
+    with pycolmap.Database.open(project.database) as database:
+        images = sorted(database.read_all_images(), key=lambda image: image.name)
+    for image, matrix in zip(images, invert(camera_to_world)[:, :3], strict=True):
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(matrix))
+    # With more threads, the result depends on their order.
+    options = pycolmap.IncrementalPipelineOptions(num_threads=1, random_seed=SEED)
+    (written := project.folder / "points").mkdir(exist_ok=True)
+    return pycolmap.triangulate_points(model, project.database, project.images, written, options=options)
 
 
 def _map(project: Project) -> list[pycolmap.Reconstruction]:
