@@ -96,6 +96,7 @@ public: install
 	$(BIN)/snakemake --cores $(CORES) --resources gpu=1 --configfile $(DATA)/public.yaml -- $(foreach scene,$(LERF) $(LERF:=/variants/usual),$(scene)/metrics.json)
 	$(BIN)/python -m benchmarks.public $(LERF) $(LERF:=/variants/usual)
 	$(BIN)/python -m benchmarks.presence $(LERF) --fit
+	$(BIN)/python -m benchmarks.presence $(LERF:=/variants/usual) --fit
 
 # One process more than cores, because some tests wait for SLURM or a browser. One thread each. The longest files come first.
 # Compiled once, or each of the many processes compiles what it imports where PYTHONDONTWRITEBYTECODE is set. Rewriting asserts takes

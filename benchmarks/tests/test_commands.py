@@ -8,11 +8,7 @@ from click.testing import CliRunner
 from benchmarks.common import ROOT
 
 # Commands beside the topics' own.
-MORE = (
-    "growth.masks",
-    "instances.growth",
-    "real_camera.still_masks",
-)
+MORE = ("growth.masks", "instances.growth", "real_camera.still_masks")
 TOPICS = sorted(path.parent.name for path in (ROOT / "benchmarks").glob("*/__main__.py"))
 
 

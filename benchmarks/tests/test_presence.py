@@ -82,6 +82,7 @@ def test_curve_and_score_of_probabilities():
 
 def test_a_fit_is_read_as_it_was_written(tmp_path, monkeypatch):
     """The fit of another OpenCLIP stays, and validation apartments take no part."""
+    (tmp_path / "fits.csv").write_text("clip\n")
     for module in (page, calibration):
         monkeypatch.setattr(module, "FITS", tmp_path / "fits.csv")
     rows = page.asked_of(some_rows())
@@ -91,7 +92,7 @@ def test_a_fit_is_read_as_it_was_written(tmp_path, monkeypatch):
     for clip in ("other", "cafe"):
         document = {"models": {"clip_checkpoint": {"hash": clip}}, "provenance": {"options": {}}}
         page.write_fits([SimpleNamespace(document=document)] * 2, rows)
-    assert set(read_fits()) == {"other", "cafe"}
+    assert set(read_fits()) == {"other", "cafe"} and calibration.is_contested("cafe")
     found = grading_of("cafe", options).calibration
     expected = fit_logistic(rows[[*EVIDENCE]].to_numpy(float), rows["true"].to_numpy())
     values = rows[[*EVIDENCE]].iloc[0].astype(float)

@@ -6,11 +6,7 @@ from egosplat.pipeline.config import resolve
 from egosplat.pipeline.scenes import Scene, read_scenes
 from tests.support import PRESETS
 
-OPTIONS = {
-    "min_area": 0.001,
-    "excluded": ["shelter"],
-    "masks": "threshold",
-}
+OPTIONS = {"min_area": 0.001, "excluded": ["shelter"], "masks": "threshold"}
 """Keys of the section metrics that scores in one table must share."""
 
 SETUP = {

@@ -40,7 +40,8 @@ THREADS = "OMP_NUM_THREADS"
 SET_BY_THE_COMMAND = {"OMP_WAIT_POLICY": "passive", "HF_HUB_DISABLE_TELEMETRY": "1"}
 """As in ``egosplat`` and ``egosplat.cli.main``, for libraries that read them when they are imported."""
 
-STAGES, JOBS, STEPS = "BASH_FUNC_egosplat%%", "EGOSPLAT_TESTS_JOBS", "EGOSPLAT_TESTS_STEPS"
+STAGES, PLANS = "BASH_FUNC_egosplat%%", "BASH_FUNC_snakemake%%"
+JOBS, STEPS = "EGOSPLAT_TESTS_JOBS", "EGOSPLAT_TESTS_STEPS"
 """Variables: bash calls the function of a program's name before the program; commands for Python on a cluster (``on_cluster``)."""
 
 SERVERS = "EGOSPLAT_TESTS_SERVERS"
@@ -80,6 +81,11 @@ def run_snakemake(
 def warm_stages() -> dict[str, str]:
     """The environment in which bash calls the command ``egosplat`` of this process of the test run."""
     return {STAGES: _function(_server("egosplat"))}
+
+
+def warm_plans() -> dict[str, str]:
+    """The environment in which bash calls a ``snakemake`` of this process of the test run that only plans."""
+    return {PLANS: f'() {{ {_client(_server("snakemake"))} --dry-run "$@"; }}'}
 
 
 def on_cluster(*, steps: bool) -> dict[str, str]:

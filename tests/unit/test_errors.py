@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shlex
 import subprocess
 import sys
 from importlib import import_module
@@ -13,6 +14,7 @@ from PIL import UnidentifiedImageError
 
 from egosplat.errors import UserError, is_out_of_memory, is_system_error, user_message
 from egosplat.pipeline.code_hash import library_version
+from tests.support import ROOT
 
 
 def test_a_library_without_a_wheel_for_this_python_is_named(monkeypatch):
@@ -96,3 +98,23 @@ def test_errors_of_users_and_the_system_are_told_and_those_of_the_program_are_no
     assert is_out_of_memory(error) == (kind == "memory") and is_system_error(error) == bool(kind)
     message = user_message(error)
     assert message is None if told is None else message.startswith(told)
+
+
+@pytest.mark.parametrize(
+    "status, limit, told",
+    [
+        (137, "unlimited", "killed, most likely for lack of memory"),
+        (137, "4000000", "killed, most likely for lack of memory"),
+        (139, "4000000", "crashed, most likely because ulimit -v allows 4000000 KiB"),
+        (134, "4000000", "crashed, most likely because ulimit -v allows 4000000 KiB"),
+        (139, "unlimited", ""),  # a defect, which no advice should hide
+        (2, "4000000", ""),
+        (0, "unlimited", ""),
+    ],
+)
+def test_a_killed_or_crashed_stage_is_explained(status, limit, told):
+    limited = (
+        f"ulimit -v {limit}; sh {shlex.quote(str(ROOT / 'workflow/scripts/tell_if_killed.sh'))} {status}"
+    )
+    done = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, check=True)
+    assert told in done.stderr and bool(told) == bool(done.stderr) and done.stdout == ""

@@ -1,18 +1,107 @@
-"""Bad input gives one or two lines with the error and the remedy, and no output is lost."""
+"""Bad input gives one or two lines with the error and the remedy, and no output is lost; commands that are printed run as they are."""
 
+import os
+import re
+import shlex
 import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
+from PIL import Image
 
-from egosplat.pipeline.stages import PATHS, STAGES
+from egosplat.artifacts.integrity import check_replaceable
+from egosplat.artifacts.reader import open_artifact
+from egosplat.artifacts.schemas import SCHEMAS
+from egosplat.errors import UserError
+from egosplat.frames.video import open_source
+from egosplat.pipeline.validation import read_document
+from egosplat.run import command
+from tests.support import HEADER, ROOT
+from tests.support.page_scene import put_looks
+from tests.support.warm import warm_plans
 from tests.unit.artifacts.test_artifacts import flip
 from tests.unit.frames.conftest import grey_frames, write_video
+from tests.unit.run.conftest import write_pictures
 
-SCENE = Path("results/adt/scene1")
+SCENE, MINE = Path("results/adt/scene1"), Path("results/mine/my_photos")
+HOME, PHOTOS = "my work" / SCENE, Path("my work/my photos")
+NAME = shlex.quote("""Ann's  "big" $5 `mug`""")
+PROGRAMS = f"""
+egosplat() {{ test "$*" = snakefile && echo {shlex.quote(str(ROOT / "workflow/Snakefile"))}; }}
+magick() {{ shift 3; ls -- "$@"; }}
+"""
+
+
+def bash(line: str) -> str:
+    """What a line prints in bash, in which `magick mogrify -OPTION VALUE FILES` lists its files; it has to succeed."""
+    words, own = ["bash", "-c", PROGRAMS + line], os.environ | warm_plans()
+    done = subprocess.run(words, env=own, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+    return done.stdout + done.stderr
+
+
+def finish() -> None:
+    os.chdir("my work")
+    MINE.parent.mkdir()
+    SCENE.rename(MINE)
+
+
+CLEAR, HUGE = Image.new("RGBA", (8, 6)), Image.new("1", (2**14, 2**14 + 1))
+RUN, OWN = f"egosplat run '{PHOTOS}'", "egosplat run 'my photos'"
+MODELS = "egosplat models --config models.set=light --config 'models.cache=my cache'"
+STORY = f"egosplat story '{HOME}/queries.png' --title x --output x.html"
+CODES, FRAMES = HOME / "language.zarr", HOME / "frames.zarr"
+SCORES, PICTURE = HOME / "metrics.json", PHOTOS / "0.png"
+PRINTED = [
+    # What happens, what tells of it, the command in the text, and what that prints: of a plan a rule.
+    (lambda: shutil.rmtree(CODES), f"egosplat query '{HOME}' cup", "scene: (.*)", "language"),
+    (dict, f"egosplat view '{HOME}/variants/draft'", "Make the variant: (.*)", "language"),
+    (lambda: flip(CODES / "code/c.0.0.0", -6), f"egosplat check '{HOME}'", "Rebuild it: (.*)", "language"),
+    (lambda: shutil.rmtree(FRAMES), lambda: open_artifact(FRAMES, SCHEMAS["frames"]), "it: (.*)", "frames"),
+    (lambda: SCORES.write_text("{"), lambda: read_document(SCORES, "metrics"), "it: (.*)", "metrics"),
+    ((HOME / "queries.png").touch, STORY, "Make it again: (.*)", "queries_sheet"),
+    (dict, f"{RUN} --cores 1", "continue yourself: (.*)", "scene_page"),
+    (dict, "egosplat --help", "(snakemake --snake.*)", "contact_sheet"),
+    (finish, OWN, "  (egosplat query .*?)    ", "couch"),
+    (finish, OWN, "  (egosplat view .*?)    ", "shown"),
+    (lambda: [finish(), (MINE / "scene.html").write_text("")], OWN, "  (egosplat catalog .*)", "couch"),
+    (lambda: put_looks(HOME), f"egosplat name '{HOME}' couch {NAME}", "(egosplat query .*)", "found +1.00"),
+    (dict, MODELS, "MB: (egosplat .*)", "my cache/sam2.1_hiera_tiny.pt"),
+    (dict, lambda: check_replaceable(HOME / "poses.zarr", SCHEMAS["frames"]), "(rm -r .*)", ""),
+    (lambda: CLEAR.save(PICTURE), lambda: open_source(PHOTOS, None).read_opaque(0), "(magick .*)", "/0.png"),
+    (lambda: HUGE.save(PICTURE), RUN, "(magick .*)", "my photos/0.png"),
+    (lambda: [one.rename(f"{one}.webp") for one in PHOTOS.iterdir()], RUN, "(magick .*)", "0.png.webp"),
+]
+
+
+@pytest.mark.parametrize("happen, tell, pattern, said", PRINTED)
+def test_a_command_runs_as_it_is_printed(
+    page_scene, tmp_path, monkeypatch, run_command, happen, tell, pattern, said
+):
+    def told(line: str) -> str:
+        egosplat = line.removeprefix("egosplat ")
+        return bash(line) if egosplat == line else "\n".join(run_command(*shlex.split(egosplat))[1:])
+
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(page_scene, HOME)
+    write_pictures(PHOTOS)
+    Path("my work/config").mkdir()
+    Path("my work/config/scenes.tsv").write_text(f"{HEADER}adt\tscene1\tadt\t-\tsynthetic.seed=1\n")
+    monkeypatch.setattr(command, "run_snakemake", lambda words: 0)
+    monkeypatch.setattr("egosplat.viewing.command.show", lambda *given: print("shown"))
+    happen()
+    if isinstance(tell, str):
+        text = told(tell)
+    else:
+        with pytest.raises(UserError) as error:
+            tell()
+        text = str(error.value)
+    found = re.search(pattern, text)
+    assert found, text
+    assert re.search(rf"\n{said} +1\n" if "snakemake " in found[1] else said, told(found[1]))
+    assert not found[1].startswith("rm") or not Path(shlex.split(found[1])[2]).exists()
 
 
 @pytest.fixture
@@ -23,8 +112,7 @@ def scene(finished, tmp_path) -> Path:
 
 @pytest.fixture
 def refused(run_command, tmp_path) -> Callable[..., str]:
-    """Run the command line; it must end with status 2, a short message and nothing new on disk. What it says
-    is returned without the path of the test's folder, which holds the test's name."""
+    """Run the command line; it must end with status 2, a short message and nothing new on disk; what it says, without the folder."""
 
     def run(*arguments: object) -> str:
         before = {path for path in tmp_path.rglob("*")}
@@ -38,111 +126,23 @@ def refused(run_command, tmp_path) -> Callable[..., str]:
     return run
 
 
-@pytest.fixture
-def plain_frames(scene, run_command) -> Callable[[Path], Path]:
-    """Frames of a plain recording, for what comes after them to fail on."""
-
-    def make(recording: Path) -> Path:
-        words = frames(scene, recording=recording, format="plain", resolution=64, evaluation_frames=1)
-        assert run_command(*words)[0] == 0
-        return scene / "new.zarr"
-
-    return make
-
-
-def words(command: str, scene: Path, flags: dict[str, object]) -> list[object]:
-    """A command with flags, whose output is ``scene/new.zarr`` unless they say otherwise."""
-    flags = {"output": scene / "new.zarr"} | flags
-    return [command, *(word for name, value in flags.items() for word in _flag(name, value))]
-
-
-def _flag(name: str, value: object) -> tuple[str, object]:
-    """A path, or a key."""
-    given = name in (*STAGES, *PATHS, "output", "format", "title")
-    return (f"--{name.replace('_', '-')}", value) if given else ("--set", f"{name}={value}")
-
-
-def frames(scene: Path, **changes: object) -> list[object]:
-    flags = {"recording": scene / "recording", "format": "adt", "resolution": 96}
-    return words("frames", scene, flags | changes)
-
-
-def poses(scene: Path, **changes: object) -> list[object]:
-    flags = {"recording": scene / "recording", "frames": scene / "frames.zarr"}
-    return words("poses", scene, flags | changes)
-
-
-def annotations(scene: Path) -> list[object]:
-    return ["annotations", *poses(scene)[1:]]
-
-
-def splats(scene: Path, **changes: object) -> list[object]:
-    flags = {"frames": scene / "frames.zarr", "poses": scene / "poses.zarr"}
-    flags |= {"iterations": 1, "max_points": 50, "masking": "none"}
-    return words("splats", scene, flags | changes)
-
-
-def cut(path: Path, keep: int) -> None:
-    path.write_bytes(path.read_bytes()[:keep])
-
-
 def test_bad_files_of_a_sequence_are_named(scene, refused):
     recording = scene / "recording"
-    cut(recording / "segmentations_with_skeleton.vrs", -500)
-    assert "segmentations_with_skeleton.vrs: cannot be read" in refused(*annotations(scene))
+    given = ("--recording", recording, "--output", scene / "new.zarr")
+    frames, annotations = ("frames", *given, "--format", "adt"), ("annotations", *given, "--frames")
+    video, labels = recording / "video.vrs", recording / "segmentations_with_skeleton.vrs"
+    labels.write_bytes(labels.read_bytes()[:-500])
+    assert "segmentations_with_skeleton.vrs: cannot be read" in refused(*annotations, scene / "frames.zarr")
     (recording / "instances.json").write_text('{"x": {}}')
-    assert "recording/instances.json: " in refused(*annotations(scene))
-    cut(recording / "video.vrs", -500)
-    assert "recording/video.vrs: cannot be read " in refused(*frames(scene))
-    (recording / "video.vrs").unlink()
-    assert "scene/recording: has no video.vrs or recording.vrs" in refused(*frames(scene))
+    assert "recording/instances.json: " in refused(*annotations, scene / "frames.zarr")
+    video.write_bytes(video.read_bytes()[:-500])
+    assert "recording/video.vrs: cannot be read " in refused(*frames)
+    video.unlink()
+    assert "scene/recording: has no video.vrs or recording.vrs" in refused(*frames)
 
 
-def test_a_broken_picture_leaves_no_frames(scene, refused, tmp_path):
-    (folder := tmp_path / "folder").mkdir()
-    for index in range(4):
-        cv2.imwrite(str(folder / f"{index}.png"), np.full((64, 64, 3), 128, np.uint8))
-    cut(folder / "3.png", 40)
-    changes = {"recording": folder, "format": "plain", "resolution": 48}
-    assert "folder/3.png: not a readable image" in refused(*frames(scene, **changes))
-
-
-def test_a_bad_row_of_a_trajectory_is_named_by_its_line(scene, refused):
-    file = scene / "recording/mps/slam/closed_loop_trajectory.csv"
-    lines = file.read_text().splitlines()
-    lines[6] = lines[6].replace(",", ",far", 3)
-    file.write_text("\n".join(lines))
-    assert "closed_loop_trajectory.csv, line 7" in refused(*poses(scene))
-
-
-@pytest.mark.parametrize(
-    "method, problem", [("device", "has no device trajectory"), ("auto", "0 of 4 frames")]
-)
-def test_pictures_without_poses_are_refused(scene, refused, plain_frames, tmp_path, method, problem):
-    path = write_video(tmp_path / "v.mp4", grey_frames(4))
-    changes = {"frames": plain_frames(path), "output": scene / "p.zarr", "method": method}
-    assert problem in refused(*poses(scene, recording=path, **changes))
-
-
-def test_a_damaged_artifact_is_named_by_its_readers_and_by_check(scene, refused):
-    flip(scene / "frames.zarr/timestamp_ns/c.0", -6)
-    assert "frames.zarr: array 'timestamp_ns'" in refused(*annotations(scene))
-    assert "not sound" in refused("check", scene)
-
-
-def test_poses_of_other_frames_are_refused(scene, refused, plain_frames, tmp_path):
-    other = plain_frames(write_video(tmp_path / "v.mp4", grey_frames(4)))
-    assert "poses.zarr: was made from another new.zarr" in refused(*splats(scene, frames=other))
-
-
-def test_a_damaged_picture_is_not_trained_on(scene, refused):
-    flip(scene / "frames.zarr/rgb/c.0.0.0.0", 100)
-    assert "frames.zarr: array 'rgb', chunk 0" in refused(*splats(scene))
-
-
-def test_a_full_disk_is_reported_in_one_line(scene, refused, monkeypatch):
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device", str(scene / "new.zarr"))
-
-    monkeypatch.setattr("egosplat.files._sync", full)
-    assert "new.zarr: No space left on device" in refused(*frames(scene, evaluation_frames=2))
+def test_pictures_without_poses_are_refused(scene, refused, run_command, tmp_path):
+    given, made = ("--recording", write_video(tmp_path / "v.mp4", grey_frames(4))), scene / "new.zarr"
+    assert run_command("frames", *given, "--format", "plain", "--output", made)[0] == 0
+    words = ("poses", *given, "--frames", made, "--output", scene / "p.zarr", "--set", "method=device")
+    assert "has no device trajectory" in refused(*words)

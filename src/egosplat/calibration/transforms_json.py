@@ -36,7 +36,7 @@ _Name = Annotated[str, Field(min_length=1)]
 _Row = Annotated[list[_Number], Field(min_length=4, max_length=4)]
 _Matrix = Annotated[list[_Row], Field(min_length=3, max_length=4)]
 # pycolmap counts pixels in 32 bits.
-_Side = Annotated[int, Field(ge=1, lt=2**31)]
+_Side = Annotated[float, Field(strict=True, ge=1, lt=2**31, multiple_of=1)]
 
 
 class _Document(BaseModel):
@@ -127,7 +127,7 @@ def _view(frame: dict[str, Any], of_file: dict[str, Any], size: dict[str, int], 
 
 def _lens(view: _View, where: str) -> Lens:
     """The camera of a frame as COLMAP has it."""
-    numbers, width, height, model = view.numbers, view.w, view.h, view.camera_model
+    numbers, width, height, model = view.numbers, int(view.w), int(view.h), view.camera_model
     focal = [_focal_length(numbers, *side, where) for side in (("x", width), ("y", height))]
     given = [each for each in focal if each is not None]
     if not given:

@@ -64,6 +64,8 @@ def cli() -> None:
     """Search a 3D scene, filmed by a head-mounted camera, by text.
 
     Each stage of the pipeline is a command. The workflow calls them in order and reruns only what is stale:
+
+    \b
     snakemake --snakefile "$(egosplat snakefile)" --cores 2 results/adt/scene1/contact_sheet.png
     """
 
@@ -102,9 +104,9 @@ def keys() -> None:
     click.echo(keys_page())
 
 
-@cli.command(name="snakefile", short_help="Print the path of the workflow, for snakemake --snakefile.")
+@cli.command(name="snakefile")
 def print_snakefile() -> None:
-    """Print the path of the workflow: snakemake --snakefile "$(egosplat snakefile)" results/adt/scene1/metrics.json"""
+    """Print the path of the workflow, for snakemake --snakefile."""
     click.echo(find_home(SNAKEFILE).absolute())
 
 

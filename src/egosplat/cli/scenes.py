@@ -123,9 +123,10 @@ def name(folder: Path, thing: str, name: str, options: AskingOptions) -> None:
     from egosplat.query.finished_scene import open_scene
     from egosplat.query.like import give_name
 
+    name = " ".join(name.split())
     named = give_name(open_scene(folder, options), thing, name)
     place = ", ".join(f"{one:.2f}" for one in named.center)
-    click.echo(f'The thing at {place} is "{name}": egosplat query {shlex.quote(str(folder))} "{name}"')
+    click.echo(f'The thing at {place} is "{name}": {shlex.join(["egosplat", "query", str(folder), name])}')
 
 
 # A place may begin with a minus.

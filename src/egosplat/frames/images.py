@@ -23,6 +23,8 @@ from egosplat.progress import log
 # Time between images. A folder has no clock: one second per image makes seconds equal image numbers.
 INTERVAL_NS = 1_000_000_000
 
+# The largest cameras have fewer; Pillow warns from 89 million.
+_MOST_PIXELS, Image.MAX_IMAGE_PIXELS = 2**28, None
 _EIGHT_BIT = ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr")
 _ORIENTATION_TAG, _TRANSPOSED = 0x0112, (5, 6, 7, 8)
 # Compression leaves gray values where a mask is black.
@@ -160,8 +162,11 @@ def open_image(path: Path) -> Iterator[Image.Image]:
     """Open an image, which the block may decode; UserError if it cannot be read."""
     try:
         with Image.open(path) as image:
+            if image.width * image.height > _MOST_PIXELS:
+                shrink = f"magick mogrify -resize 8192x8192 {quote(str(path))}"
+                raise UserError(f"{path}: is larger than {_MOST_PIXELS:,} pixels. Shrink it: {shrink}")
             yield image
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+    except (OSError, ValueError, SyntaxError) as error:
         raise UserError(f"{path}: not a readable image ({error}).") from error
 
 

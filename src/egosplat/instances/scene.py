@@ -93,10 +93,7 @@ def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
 
 
 def find_scene(
-    geometry: Geometry,
-    segments: Artifact,
-    shown: Callable[[int], NDArray[np.bool_]],
-    tracks: MovingTracks,
+    geometry: Geometry, segments: Artifact, shown: Callable[[int], NDArray[np.bool_]], tracks: MovingTracks
 ) -> Scene:
     """Find the things of all levels. Pixels of ``tracks``, of what moves, neither vote nor count as seen
     (UserError: no view has a mask)."""

@@ -22,7 +22,7 @@ CONFIG, PRESETS = Path("config/config.yaml"), Path("config/presets")
 
 # Where the workflow puts results, which its targets name from the folder of the workflow.
 _RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
-_SCENE = re.compile(r"(?:\./)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
+_SCENE = re.compile(r"(.*/)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
 
 SETTINGS = "EGOSPLAT_SETTINGS"  # environment variable: what Snakemake's command sets, for artifacts to record
 EXAMPLE = "results/adt/scene1"  # of a scene's folder, for messages
@@ -83,7 +83,8 @@ def make_command(path: Path, *others: Path, flag: str = "") -> str:
 
 def _settings_of(path: Path) -> str:
     """The words of Snakemake's command, with a blank, that tell with which settings the scene of a result was made."""
-    for metadata in (path / "zarr.json", *sorted(path.parent.glob("*.zarr/zarr.json"))):
+    of_scene = path.parents[2].glob("*.zarr/zarr.json")
+    for metadata in (path / "zarr.json", *sorted(path.parent.glob("*.zarr/zarr.json")), *sorted(of_scene)):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             made = json.loads(metadata.read_text())["attributes"]["egosplat"]["provenance"]
             return shlex.join(["--config", *shlex.split(made["settings"])]) + " " if made["settings"] else ""
@@ -109,9 +110,9 @@ def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
     if missing:
         lack = f"lacks {', '.join(missing)}" if folder.exists() else "does not exist"
         advice = f"Give the folder of a finished scene, such as {EXAMPLE}"
-        if match := _SCENE.fullmatch(folder.as_posix()):
+        if (match := _SCENE.fullmatch(folder.as_posix())) and Path(match[1] or ".").is_dir():
             # A variant shares what its last artifact is made from.
-            what, made = ("variant", missing[-1:]) if match[1] else ("scene", missing)
+            what, made = ("variant", missing[-1:]) if match[2] else ("scene", missing)
             advice = f"Make the {what}: {make_command(*(folder / name for name in made))}"
         raise UserError(f"{folder}: {lack}. {advice}")
 

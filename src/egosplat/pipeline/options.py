@@ -18,6 +18,7 @@ from pydantic import (
     Field,
     GetPydanticSchema,
     ValidationError,
+    ValidationInfo,
     ValidatorFunctionWrapHandler,
     field_validator,
 )
@@ -77,9 +78,10 @@ class Options(BaseModel):
 
     @field_validator("*", mode="wrap")
     @classmethod
-    def _read(cls, given: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    def _read(cls, given: Any, check: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         errors = []
-        for reading in _readings(given):
+        is_word = "'on'" in str(cls.model_fields[info.field_name or ""].annotation)
+        for reading in _readings(given, is_word):
             try:
                 return check(reading)
             except ValidationError as error:
@@ -95,17 +97,17 @@ class Options(BaseModel):
         return type(self).model_validate(dict(self) | values)
 
 
-def _readings(given: Any) -> Iterator[Any]:
-    """What a value may stand for: YAML reads the word on as true, Snakemake passes the 5 of ``--config`` as a text."""
+def _readings(given: Any, is_word: bool) -> Iterator[Any]:
+    """What a value may stand for: YAML reads the word on as true, which ``is_word``, Snakemake passes the 5 of ``--config`` as a text."""
     if given == "null":
         yield None
     yield tuple(given) if isinstance(given, list) else given
-    if isinstance(given, bool):
+    if isinstance(given, bool) and is_word:
         yield "on" if given else "off"
     if isinstance(given, str):
         with contextlib.suppress(ValueError):
             if not isinstance(value := load_yaml(given), str | None):
-                yield from _readings(value)
+                yield from _readings(value, is_word)
 
 
 @functools.cache

@@ -16,7 +16,7 @@ from egosplat.geometry import Array
 from egosplat.pipeline.home import OWN_FITS
 from egosplat.query.answers import Evidence
 from egosplat.query.finished_scene import Scene
-from egosplat.query.grades import held_keys, read_fits
+from egosplat.query.grades import held_keys, is_contested, read_fits
 from egosplat.query.options import QueryOptions
 
 # A file of judgements: the best answer to a phrase is right or wrong, or the thing is absent.
@@ -57,6 +57,7 @@ def write_fit(
     values = (*fit_logistic(evidence, right), *errors(present, right))
     numbers = {name: f"{value:.4f}" for name, value in zip(names, values, strict=True)}
     row = {"clip": clip} | held_keys(options) | numbers | {"scenes": scenes}
+    row["contested"] = "yes" if is_contested(clip) else ""
     rows = (read_fits(path) if path.exists() else {}) | {clip: row}
     write_text(path, pd.DataFrame([*rows.values()]).to_csv(index=False))
 

@@ -408,10 +408,9 @@ class Scene:
 
     @cached_property
     def contest(self) -> Contest | None:
-        """Words of homes against which a query has to win; None for an OpenCLIP whose answers come calibrated."""
-        if self.encoded.facts["clip"]["hash"] in grades.read_fits():
-            return None
-        return Contest(self.trained, self.clip, self.options)
+        """Words of homes against which a query has to win; None for an OpenCLIP that was calibrated without them."""
+        contested = grades.is_contested(self.encoded.facts["clip"]["hash"])
+        return Contest(self.trained, self.clip, self.options) if contested else None
 
     @cached_property
     def _words(self) -> Texts:

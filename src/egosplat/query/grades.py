@@ -32,7 +32,7 @@ NOTHING_LIKE_IT = "not found: nothing here looks like it"
 LEAST_FOUND, LEAST_GUESS = 2 / 3, 1 / 4
 
 # A row for each OpenCLIP with a fit: its hash, the keys that it holds for, what ``Calibration`` has; and of the queries that it
-# was made with the share whose thing was there, and the share of wrong answers to these among the wrong ones.
+# was made with the share whose thing was there, of wrong answers the share of those to these, and whether words of homes competed.
 FITS = Path(__file__).with_name("fits.csv")
 
 # Relevancy from which a thing may be what a query means: it is as like the query as the most alike canonical phrase.
@@ -119,7 +119,12 @@ def grading_of(clip_hash: str, options: QueryOptions, scene: Path | None = None)
     for row in (fits[clip_hash] for fits in (own, shipped) if clip_hash in fits):
         if held_keys(options) == {name: row[name] for name in HELD}:
             return by_probability(_calibration(row, options.present_share))
-    return by_score(options.min_score) if clip_hash in shipped else AMONG_WORDS
+    return AMONG_WORDS if is_contested(clip_hash) else by_score(options.min_score)
+
+
+def is_contested(clip_hash: str) -> bool:
+    """Whether answers of an OpenCLIP have to win among words of homes; a fit that was made to such answers keeps them."""
+    return read_fits().get(clip_hash, {"contested": "yes"}).get("contested") == "yes"
 
 
 def _calibration(row: Mapping[str, str], asked: float) -> Calibration:

@@ -16,14 +16,7 @@ CANONICAL = ("object", "things", "stuff", "texture")
 MOST = 3
 
 # Keys of ``query`` that move a thing's score, or are a limit of the user's own: a fit holds for the values it was made with.
-HELD = (
-    "canonical",
-    "temperature",
-    "box_filter",
-    "segmentation_threshold",
-    "min_score",
-    "size_weight",
-)
+HELD = ("canonical", "temperature", "box_filter", "segmentation_threshold", "min_score", "size_weight")
 
 
 class QueryOptions(Options, section="query"):

@@ -27,7 +27,7 @@ def read_picture(path: Path) -> str:
     try:
         image = read_rgb(path)
     except UserError as error:
-        raise UserError(f"{error} Delete it and make it again: {make_command(path)}") from error
+        raise UserError(f"{error} Make it again: {make_command(path, flag='--force ')}") from error
     # Inside the page, so that it can be sent as one file.
     content = base64.b64encode(encode_webp(shrink_image(image, LARGEST), _QUALITY).tobytes()).decode("ascii")
     return f"data:image/webp;base64,{content}"

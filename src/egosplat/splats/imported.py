@@ -85,7 +85,7 @@ def _no_fit(files: list[Path], tried: dict[str, Fit]) -> UserError:
         )
     lacking = "; for nerfstudio, put the training's dataparser_transforms.json beside the file"
     return UserError(
-        f"{files[0]}: its Gaussians {problem}.\n"
+        f"{files[0]}: its Gaussians, scales read as natural logarithms, {problem}.\n"
         f"Give the folder with the poses that they were trained on as the recording{'' if files[1:] else lacking}"
     )
 

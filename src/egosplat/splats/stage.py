@@ -28,13 +28,7 @@ from egosplat.artifacts.schemas import (
 from egosplat.artifacts.writer import Writer, create
 from egosplat.calibration.files import source_files
 from egosplat.errors import UserError
-from egosplat.gaussians.corrections import (
-    LOG_GAIN,
-    Corrections,
-    applied,
-    corrected_poses,
-    resolve_camera,
-)
+from egosplat.gaussians.corrections import LOG_GAIN, Corrections, applied, corrected_poses, resolve_camera
 from egosplat.gaussians.evaluation import Scores, describe, evaluate
 from egosplat.gaussians.fitting import fit
 from egosplat.gaussians.initialization import scene_extent

@@ -53,11 +53,7 @@ ZEROS = "zero features among others", 1e-14, "only zeros: feature 0"
     [
         *(
             case(
-                SAME[None].repeat(count, 0),
-                "2 to 1000 identical views",
-                2e-14,
-                "all inliers",
-                [True] * count,
+                SAME[None].repeat(count, 0), "2 to 1000 identical views", 2e-14, "all inliers", [True] * count
             )
             for count in (2, 3, 1000)
         ),

@@ -1,5 +1,5 @@
 """The pinned libraries: they fit the ranges of pyproject.toml, running needs no more of them than it says, and make takes PyTorch's
-build for the machine."""
+build for the machine. Recipes of containers (no image is built here), and README as the page of the package."""
 
 import os
 import re
@@ -10,12 +10,14 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from describing import page
 from egosplat.errors import EXTRAS as NAMED
 from egosplat.models.checkpoints import PHOTO_WEIGHTS, SENTENCES
 from tests.support import ROOT
 
 ABOUT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = ABOUT["optional-dependencies"]
+RECIPES = [(ROOT / "containers" / name).read_text() for name in ("Dockerfile", "egosplat.def")]
 
 
 def pins(name: str) -> dict[str, str]:
@@ -72,3 +74,29 @@ def test_make_takes_pytorch_for_the_machine(tmp_path, words, has_gpu, answers):
     )
     of_cuda = {name for name in RUNNING if name.startswith(("cuda", "nvidia"))} | {"torch", "torchvision"}
     assert later == {"sam2", *(of_cuda if cpu else ()), *(() if has_gpu and not cpu else ("triton",))}
+
+
+def test_recipes_and_page_name_extras_and_images_that_exist_and_the_cuda_of_pytorch():
+    told = (ROOT / "docs/running.md").read_text()
+    (cuda,) = re.findall(r"^cuda-toolkit==(\d+\.\d+)", (ROOT / "requirements.lock").read_text(), re.MULTILINE)
+    for text, given in zip(RECIPES, ("${TORCH} ${EXTRA}", "{{ TORCH }} {{ EXTRA }}"), strict=True):
+        assert f"/opt/egosplat/containers/install.sh {given}\n" in text and text.startswith("# Untried: ")
+        assert set(re.findall(r"EXTRA=(\w+)", text + told)) <= set(EXTRAS)
+        assert set(re.findall(r"nvidia/cuda:(\d+\.\d+)", text + told)) == {cuda}
+    (named,) = re.findall(r"--config container=(\S+)", told)
+    assert f"apptainer build {named} containers/egosplat.def" in told
+
+
+def test_nothing_made_goes_into_the_image():
+    ignored = (ROOT / ".dockerignore").read_text().split()
+    assert {".git", ".venv", ".snakemake", "logs", "results"} <= set(ignored)
+
+
+def test_links_of_readme_are_those_of_the_version_in_the_repository_or_their_text():
+    readme, address = (ROOT / "README.md").read_text(encoding="utf-8"), "https://git.invalid/egosplat"
+    shown, alone = page(readme, address, "1.2"), page(readme, "", "1.2")
+    own = re.findall(rf"\]\({address}/(?:blob|raw)/v1\.2/([^)#]*)", shown)
+    assert "docs/query.png" in own and all((ROOT / path).is_file() for path in own) and "<!--" not in shown
+    targets = [re.findall(r"\]\(([^)]*)\)", text) for text in (shown, alone)]
+    assert len(own) + len(targets[1]) == len(targets[0]) == readme.count("](")
+    assert all(target.startswith("https://") for both in targets for target in both) and "![" not in alone

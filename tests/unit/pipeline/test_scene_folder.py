@@ -9,9 +9,7 @@ from egosplat.pipeline.home import check_scene_folder, title_of
 
 STAGES = ("frames", "poses", "features", "splats", "language")
 SCENE = "results/adt/scene1"
-ANYWHERE = 'snakemake --snakefile "$(egosplat snakefile)"'
-DRAFT, OTHER = f"{SCENE}/variants/draft", "results/adt/scene9"
-MADE_LATER = "features.zarr, splats.zarr, language.zarr"
+DRAFT = f"{SCENE}/variants/draft"
 
 
 @pytest.fixture
@@ -31,12 +29,12 @@ def folder(tmp_path, monkeypatch):
     "given, said",
     [
         ("README.md", "README.md: is a file; give the folder of a scene"),
-        ("photos", f"lacks frames.zarr, poses.zarr, {MADE_LATER}. Give the folder"),
+        (
+            "photos",
+            "lacks frames.zarr, poses.zarr, features.zarr, splats.zarr, language.zarr. Give the folder",
+        ),
         ("nowhere", "nowhere: does not exist. Give the folder"),
-        (SCENE, f"lacks {MADE_LATER}. Make the scene: {ANYWHERE} --cores 2 {SCENE}/features.zarr {SCENE}/s"),
-        (OTHER, f"does not exist. Make the scene: {ANYWHERE} --cores 2 {OTHER}/frames.zarr {OTHER}/p"),
         (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
-        (DRAFT, f"lacks features.zarr, language.zarr. Make the variant: {ANYWHERE} --cores 2 {DRAFT}/l"),
         (f"{SCENE}/variants/accurate", "does not exist. Make the variant: "),
         (f"{SCENE}/variants/w", "does not exist. "),
     ],

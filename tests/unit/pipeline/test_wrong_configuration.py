@@ -46,6 +46,7 @@ FAULTS = [
         ({"splats": {"max_points": value}}, r"splats\.max_points = .*whole number")
         for value in (True, 3.0, math.nan, math.inf, 2**31, -1)
     ),
+    ({"models": {"cache": True}}, "models.cache = True .* a text"),
     ({"splats": 5}, "splats = 5 .* splats: {masking: auto}"),
     ({"splats": {"iterations:5": ""}}, "iterations: 5"),
     ({"features": {"dims": "most"}}, "features.dims = 'most' .* a whole number or auto"),

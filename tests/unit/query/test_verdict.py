@@ -1,12 +1,18 @@
 """The numbers of a query: when it is refused, how that is said, and its options."""
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
+from egosplat.language.decoder import Decoder
+from egosplat.language.vectors import unit
 from egosplat.models.checkpoints import CLIP, model_hash
-from egosplat.query import grades
+from egosplat.query import contest, grades
+from egosplat.query.finished_scene import open_scene
 from egosplat.query.grades import FOUND, GUESS, NOT_FOUND, Calibration, Evidence, by_probability, by_score
 from egosplat.query.options import AskingOptions, QueryOptions
 from egosplat.query.text import Texts, other_meanings
@@ -88,3 +94,25 @@ def test_a_number_is_shown_on_the_side_of_the_limits_of_its_grade(score, least, 
     )
     found, guess = (2 / 3, 0.25) if least is None else (least, least)
     assert grade == (FOUND if score >= found else GUESS if score >= guess else NOT_FOUND)
+
+
+def test_random_weights_find_none_of_fifty_words_and_what_is_like_its_word_is_found(word_scene, monkeypatch):
+    rng, known = np.random.default_rng(0), dict[str, np.ndarray]()
+
+    def encode(_, phrases, short=False):
+        for phrase in phrases:
+            known.setdefault(phrase, unit(rng.normal(size=512)))
+        return torch.from_numpy(np.array([known[one] for one in phrases])).float()
+
+    monkeypatch.setattr(contest, "encode_phrases", encode)
+    monkeypatch.setattr(contest, "untaught_words", lambda *_: [])
+    clip = SimpleNamespace(model=SimpleNamespace(logit_scale=torch.tensor(100.0).log()))
+    scene, things = open_scene(word_scene()).trained, unit(rng.normal(size=(24, 512)))
+    things[0] = unit(things[0] + encode(clip, ["zebra"])[0].numpy())
+    code = torch.from_numpy(things[np.arange(len(scene.code)) % 24]).float()[:, None].repeat(1, 2, 1)
+    decoder = Decoder((512,), np.zeros(0, np.float32))
+    coded = replace(scene, code=code, share=torch.ones_like(scene.share), decoder=decoder)
+    found, canonical = contest.Contest(coded, clip, QueryOptions()), encode(clip, QueryOptions().canonical)
+    words = ["zebra", *(f"word {number}" for number in range(50))]
+    best = [found.best(Texts((word,), encode(clip, [word]), canonical)) for word in words]
+    assert best[0] > grades.AMONG_WORDS.found > max(best[1:])
