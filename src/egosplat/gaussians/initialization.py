@@ -126,22 +126,22 @@ def _random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
 def densify(xyz: Points, rgb: Colors, views: Views, near_plane: float) -> tuple[Points, Colors]:
     """Points and colors, with new ones at the end so that each image cell of evenly spaced views shows one, if it
     shows any. A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell
-    with points, or the scene's extent where a view shows none, its color that of the photograph. Points added for
-    one photograph count for the next. ``xyz``, ``rgb``: (P, 3) float64 world points [m], finite, and (P, 3)
-    uint8. Cells with an invalid middle get no point."""
+    with points, its color that of the photograph. Points added for one photograph count for the next. Without any
+    point, depths are random, uniform in the volume that a view shows up to three scene extents (gsplat). ``xyz``,
+    ``rgb``: (P, 3) float64 world points [m], finite, and (P, 3) uint8. Cells with an invalid middle get none."""
     camera = views.camera
     centers = _cell_centers(camera)
     columns, rows = centers.astype(np.int64).transpose(2, 0, 1)
-    extent = scene_extent(views.camera_to_world, near_plane)
+    known, extent = len(xyz) > 0, scene_extent(views.camera_to_world, near_plane)
     shows = np.ones(rows.shape, bool) if views.valid is None else views.valid.cpu().numpy()[rows, columns] > 0
     for view in evenly_spaced(len(views), _DENSIFIED_VIEWS):
         pose, image = views.camera_to_world[view], views.pictures[view].numpy()
         depth = _cell_depths(xyz, camera, pose, centers.shape[:2], near_plane)
-        empty = shows & np.isnan(depth)
-        if not empty.any():
+        empty = shows & (np.isnan(depth) | (not known))
+        if not empty.any() or (known and np.isnan(depth).all()):
             continue
-        if np.isnan(depth).all():
-            depth[:] = extent
+        if not known:
+            depth = near_plane + 3.0 * extent * np.cbrt(np.random.default_rng(view).uniform(size=depth.shape))
         # In the image, not in space: neighboring cells mostly show the same surface.
         _, nearest = distance_transform_edt(np.isnan(depth), return_indices=True)
         nearest_depth = depth[tuple(nearest)][empty]

@@ -44,7 +44,7 @@ def test_broken_points(scene, run, capsys):
     assert "37 of 40 points" in capsys.readouterr().err
 
 
-@pytest.mark.numerics("no point; no visible point", outside="one in each cell of a picture, one extent away")
+@pytest.mark.numerics("no point; no visible point", outside="one in each cell of a picture, at any depth")
 @pytest.mark.parametrize("xyz", [points(0), points(5) - [0, 0, 9]])
 def test_no_points(scene, run, capsys, xyz):
     run(scene(**{"points/xyz": xyz, "points/rgb": colors(len(xyz))}), iterations=10)
