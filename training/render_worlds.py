@@ -25,9 +25,10 @@ def main() -> None:
     parser.add_argument("--clips", type=int, default=default.clips, help="clips per world")
     parser.add_argument("--frames", type=int, default=default.frames, help="frames per clip")
     parser.add_argument("--step", type=float, default=default.step_s, help="time between frames [s]")
+    parser.add_argument("--homes", action="store_true", help="plain surfaces, and other light, as in homes")
     parser.add_argument("--processes", type=int, default=2, help="worlds rendered in parallel")
     args = parser.parse_args()
-    settings = ClipSettings(args.size, args.clips, args.frames, args.step)
+    settings = ClipSettings(args.size, args.clips, args.frames, args.step, args.homes)
     first = HELD_OUT_SEEDS if args.held_out else TRAINING_SEEDS
     seeds = [seed for seed in range(first, first + args.worlds) if not (args.output / str(seed)).exists()]
     folders = [args.output / str(seed) for seed in seeds]

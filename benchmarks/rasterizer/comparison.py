@@ -21,12 +21,8 @@ from egosplat.rasterize.kernels import library
 from egosplat.rasterize.kernels.targets import HERE, VARIANTS
 
 CHANNELS = (3, 12)
-SWEEP = (1, 3, 4, 8, 12, 16, 32)
 
 ROUNDS = {"kernels": 15, "torch": 2}
-# On two threads, without torch: its many small loops wait for each other for seconds where a core is busy
-# otherwise.
-WALL_ROUNDS = {"kernels": 20}
 
 # Two for each of the eight cameras.
 ITERATION_ROUNDS = 16
@@ -70,20 +66,11 @@ def everything() -> dict[str, Any]:
     with workers([*kernels, "torch"]) as pool:
         check_agreement(pool)
         cases = [(scene, count) for scene in SCENES for count in CHANNELS]
-        raster = [row for case in track(cases, "passes") for row in compare(pool, *case, wall=True)]
+        raster = [row for case in track(cases, "passes") for row in compare(pool, *case)]
         pool.pop("torch")
-        log("channels")
-        sweep = [row for count in SWEEP for row in compare(pool, "D", count)]
         log("training iterations")
         iterations = [row for scene in SCENES for row in compare_iterations(pool, scene)]
-    measured = {"raster": raster, "sweep": sweep, "iterations": iterations}
-    return {"machine": _machine(), **measured}
-
-
-def quick() -> Rows:
-    """Scene D with the best kernel variant and torch, in rows like those of ``everything``."""
-    with workers([library.variant(), "torch"]) as pool:
-        return [row for count in CHANNELS for row in compare(pool, "D", count)]
+    return {"machine": _machine(), "raster": raster, "iterations": iterations}
 
 
 def check_agreement(pool: Workers) -> None:
@@ -101,47 +88,24 @@ def check_agreement(pool: Workers) -> None:
                     raise UserError(f"{name} and torch differ by {error:.1e}: they do not do the same work")
 
 
-def compare(pool: Workers, scene: str, count: int, wall: bool = False) -> Rows:
-    """Forward and backward pass on a scene with ``count`` channels: a row for each worker, ``wall`` on two threads too."""
-
-    def turns(rounds: dict[str, int], threads: int) -> dict[str, Turn]:
+def compare(pool: Workers, scene: str, count: int) -> Rows:
+    """Forward and backward pass on a scene with ``count`` channels: a row for each worker."""
+    turns = {}
+    for name, worker in pool.items():
+        kind = _kind(name)
         # torch takes seconds a call: a cold start does not show.
-        return {
-            name: Turn(
-                worker,
-                (passes.sample_pass, _kind(name), scene, count, threads),
-                rounds[_kind(name)],
-                name != "torch",
-            )
-            for name, worker in pool.items()
-            if _kind(name) in rounds
-        }
-
-    two = take_turns(turns(WALL_ROUNDS, 2)) if wall else {}
-    return [
-        {
-            "scene": scene,
-            "channels": count,
-            "rasterizer": name,
-            **summary(samples),
-            **_on_two_threads(two, name),
-        }
-        for name, samples in take_turns(turns(ROUNDS, 1)).items()
-    ]
+        turns[name] = Turn(worker, (passes.sample_pass, kind, scene, count), ROUNDS[kind], name != "torch")
+    key = {"scene": scene, "channels": count}
+    return [key | {"rasterizer": name, **summary(samples)} for name, samples in take_turns(turns).items()]
 
 
 def compare_iterations(pool: Workers, scene: str) -> Rows:
     """A training iteration on a scene: a row for each worker."""
-
-    def turns(threads: int) -> dict[str, Turn]:
-        # Training starts before the first sample; a warm-up would break the rounds over the cameras.
-        call = (iteration.sample_iteration, scene, threads)
-        return {name: Turn(worker, call, ITERATION_ROUNDS, warm_up=False) for name, worker in pool.items()}
-
-    two = take_turns(turns(2))
+    # Training starts before the first sample; a warm-up would break the rounds over the cameras.
+    call = (iteration.sample_iteration, scene)
+    turns = {name: Turn(worker, call, ITERATION_ROUNDS, warm_up=False) for name, worker in pool.items()}
     return [
-        {"scene": scene, "variant": name, **summary(samples), **_on_two_threads(two, name)}
-        for name, samples in take_turns(turns(1)).items()
+        {"scene": scene, "variant": name, **summary(samples)} for name, samples in take_turns(turns).items()
     ]
 
 
@@ -159,10 +123,6 @@ def find_row(rows: Rows, scene: str, channels: int, name: str) -> dict[str, Any]
 
 def _kind(name: str) -> str:
     return name if name == "torch" else "kernels"
-
-
-def _on_two_threads(two: dict[str, list], name: str) -> dict[str, float]:
-    return {"wall_ms_min_2_threads": summary(two[name])["wall_ms_min"]} if name in two else {}
 
 
 def _machine() -> dict[str, Any]:

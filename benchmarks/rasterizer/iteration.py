@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from benchmarks.rasterizer.scenes import NEAR_PLANE, SCENES, Scene, channels, make_scene
-from benchmarks.rasterizer.timing import Sample, sample
+from benchmarks.rasterizer.timing import sample
 from egosplat.gaussians import trainer as train
 from egosplat.gaussians.loss import L1Ssim
 from egosplat.gaussians.model import Gaussians
@@ -45,10 +45,10 @@ class Training:
         train.iterate(self.state, self.views, _NO_DENSITY_CONTROL)
 
 
-def sample_iteration(scene: str, threads: int) -> Sample:
-    """Time one iteration."""
+def sample_iteration(scene: str) -> float:
+    """Processor time of one iteration [ms]."""
     training = _training(scene)
-    return sample(training.iterate, threads)
+    return sample(training.iterate)
 
 
 @lru_cache(maxsize=1)

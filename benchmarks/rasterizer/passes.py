@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from benchmarks.rasterizer.scenes import SCENES, Problem, make_problem, make_scene
-from benchmarks.rasterizer.timing import Sample, sample
+from benchmarks.rasterizer.timing import sample
 from egosplat.rasterize.kernels import library
 from egosplat.rasterize.kernels.raster import composite
 from egosplat.rasterize.reference.projection import Projected
@@ -53,9 +53,9 @@ def prepare_torch(problem: Problem) -> Run:
     return run
 
 
-def sample_pass(kind: str, scene: str, channels: int, threads: int) -> Sample:
-    """Time both passes of ``kernels`` or ``torch`` on a scene."""
-    return sample(_prepared(kind, scene, channels), threads)
+def sample_pass(kind: str, scene: str, channels: int) -> float:
+    """Processor time of both passes [ms] of ``kernels`` or ``torch`` on a scene."""
+    return sample(_prepared(kind, scene, channels))
 
 
 def outputs(kind: str, scene: str, channels: int) -> list[Tensor]:

@@ -6,24 +6,20 @@ from benchmarks.common import markdown
 from benchmarks.rasterizer.comparison import Rows, find_row, ratio
 
 
-def page(results: dict[str, Any], command: str) -> str:
-    """The whole page of ``comparison.everything``, made by ``command``."""
+def page(results: dict[str, Any]) -> str:
+    """The whole page of ``comparison.everything``."""
     machine = results["machine"]
     head = (
-        f"# Speed of the rasterizer\n\n`{command}` on {machine['date']}: {machine['cpu']}; {machine['compiler']}; "
+        f"# Speed of the rasterizer\n\n`python -m benchmarks.rasterizer` on {machine['date']}: {machine['cpu']}; {machine['compiler']}; "
         f"Python {machine['python']}, torch {machine['torch']}.\n\n"
-        "CPU-ms are processor time of one thread, median / minimum of calls that take turns; ratios are of the minima. Times on "
-        "two threads are the best wall times. avx512, avx2 and generic are variants of the C++ kernels; torch is "
+        "CPU-ms are processor time of one thread, median / minimum of calls that take turns; ratios are of the minima. avx512, avx2 and generic are variants of the C++ kernels; torch is "
         "`egosplat.rasterize.reference`. All compute in float32."
     )
     parts = [
         head,
         f"## Forward and backward pass, one thread [CPU-ms]\n\n{_passes(results['raster'])}",
-        f"## Forward and backward pass, two threads [best wall ms]\n\n{_wall(results['raster'])}",
         "## A training iteration, one thread [CPU-ms]\n\nSH of degree 3, L1 + SSIM, Adam; eight cameras in turn.\n\n"
         + _iterations(results["iterations"]),
-        "## Channels, scene D, forward and backward pass, one thread [CPU-ms]\n\n"
-        + _channels(results["sweep"]),
     ]
     return "\n\n".join(parts) + "\n"
 
@@ -39,24 +35,9 @@ def _passes(rows: Rows) -> str:
     return markdown(["rasterizer", *(f"{scene}, {count} ch." for scene, count in cases)], lines)
 
 
-def _wall(rows: Rows) -> str:
-    cases, key = _cases(rows), "wall_ms_min_2_threads"
-    names = [name for name in _names(rows) if name != "torch"]
-    lines = [[name, *(f"{find_row(rows, *case, name)[key]:.1f}" for case in cases)] for name in names]
-    return markdown(["rasterizer", *(f"{scene}, {count} ch." for scene, count in cases)], lines)
-
-
 def _iterations(rows: Rows) -> str:
-    lines = [
-        [row["scene"], row["variant"], _both(row), f"{row['wall_ms_min_2_threads']:.1f}"] for row in rows
-    ]
-    return markdown(["scene", "variant", "one thread", "two threads, best wall time [ms]"], lines, words=2)
-
-
-def _channels(rows: Rows) -> str:
-    cases = _cases(rows)
-    lines = [[name, *(_both(find_row(rows, *case, name)) for case in cases)] for name in _names(rows)]
-    return markdown(["variant", *(str(count) for _, count in cases)], lines)
+    lines = [[row["scene"], row["variant"], _both(row)] for row in rows]
+    return markdown(["scene", "variant", "one thread"], lines, words=2)
 
 
 def _cases(rows: Rows) -> list[tuple[str, int]]:

@@ -1,7 +1,7 @@
 """Timing on a shared machine: the candidates take turns, each in a process of its own.
 
 A busy moment then affects all of them. Processor time of one thread leaves out other processes, except for their use of caches
-and clock rates. On two threads, only the best wall time is meaningful.
+and clock rates.
 """
 
 import multiprocessing
@@ -19,26 +19,18 @@ from egosplat.rasterize.kernels.library import VARIABLE
 
 
 @dataclass(frozen=True)
-class Sample:
-    """Processor and wall time of one call [ms]."""
-
-    cpu_ms: float
-    wall_ms: float
-
-
-@dataclass(frozen=True)
 class Turn:
     """A candidate.
 
     Attributes:
         worker: the process in which it runs.
-        call: function and arguments; the function returns a ``Sample``.
+        call: function and arguments; the function returns a processor time [ms].
         rounds: number of samples.
         warm_up: whether one more call comes first, without a sample.
     """
 
     worker: ProcessPoolExecutor
-    call: tuple[Callable[..., Sample], *tuple[Any, ...]]
+    call: tuple[Callable[..., float], *tuple[Any, ...]]
     rounds: int
     warm_up: bool
 
@@ -55,17 +47,17 @@ def _choose(variant: str | None) -> None:
         os.environ[VARIABLE] = variant
 
 
-def sample(run: Callable[[], Any], threads: int) -> Sample:
-    """Time one call in this process."""
-    torch.set_num_threads(threads)
-    cpu, wall = time.process_time(), time.perf_counter()
+def sample(run: Callable[[], Any]) -> float:
+    """Processor time of one call in this process, on one thread [ms]."""
+    torch.set_num_threads(1)
+    start = time.process_time()
     run()
-    return Sample(1e3 * (time.process_time() - cpu), 1e3 * (time.perf_counter() - wall))
+    return 1e3 * (time.process_time() - start)
 
 
-def take_turns(turns: Mapping[str, Turn]) -> dict[str, list[Sample]]:
+def take_turns(turns: Mapping[str, Turn]) -> dict[str, list[float]]:
     """Call all candidates in turn, each the number of times that it states, and collect their samples."""
-    collected: dict[str, list[Sample]] = {name: [] for name in turns}
+    collected: dict[str, list[float]] = {name: [] for name in turns}
     for round_ in range(1 + max(turn.rounds for turn in turns.values())):
         for name, turn in turns.items():
             if (round_ or turn.warm_up) and round_ <= turn.rounds:
@@ -75,12 +67,7 @@ def take_turns(turns: Mapping[str, Turn]) -> dict[str, list[Sample]]:
     return collected
 
 
-def summary(samples: Iterable[Sample]) -> dict[str, float]:
-    """Median and minimum of the processor time, and minimum of the wall time [ms]."""
+def summary(samples: Iterable[float]) -> dict[str, float]:
+    """Median and minimum of processor times [ms]."""
     samples = list(samples)
-    cpu = [one.cpu_ms for one in samples]
-    return {
-        "cpu_ms_median": round(median(cpu), 2),
-        "cpu_ms_min": round(min(cpu), 2),
-        "wall_ms_min": round(min(one.wall_ms for one in samples), 2),
-    }
+    return {"cpu_ms_median": round(median(samples), 2), "cpu_ms_min": round(min(samples), 2)}

@@ -133,13 +133,19 @@ def sample_clip(
 
 
 def _random_box(rng: Rng, size: int) -> tuple[int, int, int, int]:
-    """Top, left, height and width of a nearly square cut with half to all of the image's side."""
-    if rng.random() < 0.3:
+    """Top, left, height and width of a cut of the image, or of the square in its circle: photographs have no black corners."""
+    draw, margin = rng.random(), 0
+    if draw < 0.2:
         return 0, 0, size, size
-    side = size * np.exp(rng.uniform(np.log(0.5), 0.0))
-    ratio = np.exp(rng.uniform(-0.15, 0.15))
-    height, width = (int(np.clip(side * factor, 32, size)) for factor in (ratio, 1 / ratio))
-    return rng.integers(size - height + 1), rng.integers(size - width + 1), height, width
+    if draw < 0.7:
+        margin = round(size * (1 - np.sqrt(0.5)) / 2)
+    most = size - 2 * margin
+    side = most * np.exp(rng.uniform(np.log(0.45), 0.0))
+    # Photographs are wider or higher than the square that SAM2 sees.
+    ratio = np.exp(rng.uniform(-0.3, 0.3))
+    height, width = (int(np.clip(side * factor, 32, most)) for factor in (ratio, 1 / ratio))
+    top, left = (margin + rng.integers(most - span + 1) for span in (height, width))
+    return top, left, height, width
 
 
 def _drifting(box: tuple[int, int, int, int], rng: Rng, size: int, frames: int) -> list[tuple[int, ...]]:
@@ -153,7 +159,7 @@ def _drifting(box: tuple[int, int, int, int], rng: Rng, size: int, frames: int) 
 
 
 def _change_colors(pictures: Bytes, rng: Rng) -> Bytes:
-    """Randomly change channel order, gain, offset, gamma, blur and noise."""
+    """Randomly change channel order, gain, offset, gamma, saturation, blur, noise, and what JPEG loses."""
     x = pictures.astype(np.float32) / 255
     if rng.random() < 0.25:
         x = x[..., rng.permutation(3)]
@@ -162,12 +168,19 @@ def _change_colors(pictures: Bytes, rng: Rng) -> Bytes:
         x = np.clip(x * gain.astype(np.float32) + np.float32(shift) * (x > 0), 0, 1) ** np.float32(
             np.exp(rng.uniform(-0.25, 0.25))
         )
+    if rng.random() < 0.3:
+        gray = x.mean(-1, keepdims=True)
+        x = np.clip(gray + (x - gray) * np.float32(rng.uniform(0.2, 1.4)), 0, 1)
     if rng.random() < 0.2:
         sigma = rng.uniform(0.4, 1.2)
         x = np.stack([cv2.GaussianBlur(picture, (0, 0), sigma) for picture in x])
     if rng.random() < 0.3:
         x = x + rng.normal(0, rng.uniform(0.005, 0.03), x.shape).astype(np.float32)
-    return (np.clip(x, 0, 1) * 255 + 0.5).astype(np.uint8)
+    made = (np.clip(x, 0, 1) * 255 + 0.5).astype(np.uint8)
+    if rng.random() < 0.4:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 95))]
+        made = np.stack([cv2.imdecode(cv2.imencode(".jpg", one, quality)[1], 1) for one in made])
+    return made
 
 
 def to_input(pictures: Bytes) -> Tensor:

@@ -14,6 +14,7 @@ from egosplat.geometry import CLOCKWISE
 from egosplat_apartments.camera.lens import pinhole_lens
 from egosplat_apartments.stage import make_renderer
 from egosplat_apartments.world.world import World, camera_pose, make_world
+from training.small_models.homes import home_gain, home_renderer
 from training.small_models.levels import Levels, find_levels
 
 # The subpart of pixels outside the lens circle.
@@ -30,12 +31,14 @@ class ClipSettings:
     Attributes:
         size: side of the square, upright pinhole image [px].
         clips: number of clips; frames: per clip; step_s: time between frames [s].
+        homes: whether surfaces and light are those of ``homes``.
     """
 
     size: int = 384
     clips: int = 4
     frames: int = 6
     step_s: float = 0.25
+    homes: bool = False
 
     @property
     def spacing_s(self) -> float:
@@ -53,7 +56,8 @@ def render_world(seed: int, settings: ClipSettings, folder: Path) -> None:
     rng = np.random.default_rng([seed, 100])
     world = make_furnished_world(seed, rng, settings.seconds)
     levels = find_levels(world)
-    renderer = make_renderer(world, pinhole_lens(pinhole(settings.size)))
+    lens, looks = pinhole_lens(pinhole(settings.size)), np.random.default_rng([seed, 101])
+    renderer = home_renderer(world, lens, looks) if settings.homes else make_renderer(world, lens)
     starts = settings.spacing_s * np.arange(settings.clips) + rng.uniform(0, 2.0, settings.clips)
     moments = (starts[:, None] + settings.step_s * np.arange(settings.frames)).ravel()
     shape = (settings.clips, settings.frames, settings.size, settings.size)
@@ -61,7 +65,10 @@ def render_world(seed: int, settings: ClipSettings, folder: Path) -> None:
     for seconds in moments:
         pose = camera_pose(world, seconds) @ CLOCKWISE
         gain = float(rng.uniform(0.85, 1.2))
-        picture, faces = renderer.picture(pose, world.body_poses(seconds), gain, rng)
+        bodies = world.body_poses(seconds)
+        if settings.homes:
+            gain = home_gain(renderer.brightness(pose, bodies), looks)
+        picture, faces = renderer.picture(pose, bodies, gain, rng)
         rgb.append(picture)
         subpart.append(np.where(faces >= 0, levels.face_subpart[faces], NOTHING))
     with atomic_directory(folder) as made:

@@ -1,6 +1,7 @@
 """Worlds for training: levels are nested and connected, images match labels, seeds are disjoint."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +95,15 @@ def test_the_same_seed_gives_the_same_world(folder, tmp_path):
     for name in ("rgb.npy", "subpart.npy", "world.json"):
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
     assert json.loads((folder / "world.json").read_text())["seed"] == 77
+
+
+def test_homes_have_the_same_things_and_plainer_pictures(folder, tmp_path):
+    usual, home = read_world(folder), tmp_path / "home"
+    render_world(77, replace(TINY, homes=True), home)
+    found = read_world(home)
+    assert (found.subpart == usual.subpart).all() and (found.rgb != usual.rgb).mean() > 0.3
+    texture = [np.abs(np.diff(one.rgb.astype(int), axis=-2))[:, :, :24].mean() for one in (found, usual)]
+    assert texture[0] < texture[1]
 
 
 def test_seeds_are_far_from_those_of_recordings():
