@@ -169,14 +169,14 @@ def test_a_place_below_a_file_or_device_is_named(tmp_path, check):
 
 
 def test_the_tables_replace_their_own_files(tmp_path):
-    """Eleven files of the names that the command gives them, and nothing else in the folder."""
+    """Six files of the names that the command gives them, and nothing else in the folder."""
     (tmp_path / "notes.csv").write_text("notes")
     tables_stage.run([], tmp_path, pictures=[])
     before = everything(tmp_path)
     tables_stage.run([], tmp_path, pictures=[])
     after = everything(tmp_path)
     same = {name for name in before if before[name] == after[name]}
-    assert same == {str(tmp_path / "notes.csv")} and before.keys() == after.keys() and len(before) == 12
+    assert same == {str(tmp_path / "notes.csv")} and before.keys() == after.keys() and len(before) == 7
     assert all(before[name][-1] == after[name][-1] for name in before)
 
 

@@ -22,7 +22,6 @@ from tests.support import HEADER, ROOT
 from tests.support.page_scene import put_looks
 from tests.support.warm import warm_plans
 from tests.unit.artifacts.test_artifacts import flip
-from tests.unit.frames.conftest import grey_frames, write_video
 from tests.unit.run.conftest import write_pictures
 
 SCENE, MINE = Path("results/adt/scene1"), Path("results/mine/my_photos")
@@ -139,10 +138,3 @@ def test_bad_files_of_a_sequence_are_named(scene, refused):
     assert "recording/video.vrs: cannot be read " in refused(*frames)
     video.unlink()
     assert "scene/recording: has no video.vrs or recording.vrs" in refused(*frames)
-
-
-def test_pictures_without_poses_are_refused(scene, refused, run_command, tmp_path):
-    given, made = ("--recording", write_video(tmp_path / "v.mp4", grey_frames(4))), scene / "new.zarr"
-    assert run_command("frames", *given, "--format", "plain", "--output", made)[0] == 0
-    words = ("poses", *given, "--frames", made, "--output", scene / "p.zarr", "--set", "method=device")
-    assert "has no device trajectory" in refused(*words)
