@@ -298,6 +298,23 @@ def page_scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def page_scene_with_histories(page_scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``results/adt/scene1``, a copy of the small scene in which a cup is carried."""
+    from tests.support.page_scene import put_histories
+
+    folder = tmp_path_factory.mktemp("work")
+    put_histories(Path(shutil.copytree(page_scene, folder / "results/adt/scene1")))
+    return folder
+
+
+@pytest.fixture
+def work(page_scene_with_histories: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """``page_scene_with_histories``, as the working directory."""
+    monkeypatch.chdir(page_scene_with_histories)
+    return page_scene_with_histories
+
+
 @pytest.fixture
 def serve() -> Iterator[Callable[..., Any]]:
     """``serve(page, answer, host)``: a ``PageServer`` that runs until the test ends."""

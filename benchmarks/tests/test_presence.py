@@ -92,7 +92,7 @@ def test_a_fit_is_read_as_it_was_written(tmp_path, monkeypatch):
     for clip in ("other", "cafe"):
         document = {"models": {"clip_checkpoint": {"hash": clip}}, "provenance": {"options": {}}}
         page.write_fits([SimpleNamespace(document=document)] * 2, rows)
-    assert set(read_fits()) == {"other", "cafe"} and calibration.is_contested("cafe")
+    assert set(read_fits()) == {"other", "cafe"} and calibration.is_contested("cafe", read_fits())
     found = grading_of("cafe", options).calibration
     expected = fit_logistic(rows[[*EVIDENCE]].to_numpy(float), rows["true"].to_numpy())
     values = rows[[*EVIDENCE]].iloc[0].astype(float)

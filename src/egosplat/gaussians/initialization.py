@@ -136,12 +136,13 @@ def densify(xyz: Points, rgb: Colors, views: Views, near_plane: float) -> tuple[
     shows = np.ones(rows.shape, bool) if views.valid is None else views.valid.cpu().numpy()[rows, columns] > 0
     for view in evenly_spaced(len(views), _DENSIFIED_VIEWS):
         pose, image = views.camera_to_world[view], views.pictures[view].numpy()
-        depth = _cell_depths(xyz, camera, pose, centers.shape[:2], near_plane)
+        if known:
+            depth = _cell_depths(xyz, camera, pose, centers.shape[:2], near_plane)
+        else:
+            depth = near_plane + 3.0 * extent * np.cbrt(np.random.default_rng(view).uniform(size=rows.shape))
         empty = shows & (np.isnan(depth) | (not known))
-        if not empty.any() or (known and np.isnan(depth).all()):
+        if not empty.any() or np.isnan(depth).all():
             continue
-        if not known:
-            depth = near_plane + 3.0 * extent * np.cbrt(np.random.default_rng(view).uniform(size=depth.shape))
         # In the image, not in space: neighboring cells mostly show the same surface.
         _, nearest = distance_transform_edt(np.isnan(depth), return_indices=True)
         nearest_depth = depth[tuple(nearest)][empty]

@@ -57,7 +57,7 @@ def write_fit(
     values = (*fit_logistic(evidence, right), *errors(present, right))
     numbers = {name: f"{value:.4f}" for name, value in zip(names, values, strict=True)}
     row = {"clip": clip} | held_keys(options) | numbers | {"scenes": scenes}
-    row["contested"] = "yes" if is_contested(clip) else ""
+    row["contested"] = "yes" if is_contested(clip, read_fits()) else ""
     rows = (read_fits(path) if path.exists() else {}) | {clip: row}
     write_text(path, pd.DataFrame([*rows.values()]).to_csv(index=False))
 

@@ -409,7 +409,7 @@ class Scene:
     @cached_property
     def contest(self) -> Contest | None:
         """Words of homes against which a query has to win; None for an OpenCLIP that was calibrated without them."""
-        contested = grades.is_contested(self.encoded.facts["clip"]["hash"])
+        contested = grades.is_contested(self.encoded.facts["clip"]["hash"], grades.read_fits())
         return Contest(self.trained, self.clip, self.options) if contested else None
 
     @cached_property

@@ -119,12 +119,12 @@ def grading_of(clip_hash: str, options: QueryOptions, scene: Path | None = None)
     for row in (fits[clip_hash] for fits in (own, shipped) if clip_hash in fits):
         if held_keys(options) == {name: row[name] for name in HELD}:
             return by_probability(_calibration(row, options.present_share))
-    return AMONG_WORDS if is_contested(clip_hash) else by_score(options.min_score)
+    return AMONG_WORDS if is_contested(clip_hash, shipped) else by_score(options.min_score)
 
 
-def is_contested(clip_hash: str) -> bool:
-    """Whether answers of an OpenCLIP have to win among words of homes; a fit that was made to such answers keeps them."""
-    return read_fits().get(clip_hash, {"contested": "yes"}).get("contested") == "yes"
+def is_contested(clip_hash: str, shipped: Mapping[str, Mapping[str, str]]) -> bool:
+    """Whether answers of an OpenCLIP have to win among words of homes; a ``shipped`` fit that was made to such answers keeps them."""
+    return shipped.get(clip_hash, {"contested": "yes"}).get("contested") == "yes"
 
 
 def _calibration(row: Mapping[str, str], asked: float) -> Calibration:

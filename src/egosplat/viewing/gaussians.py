@@ -66,9 +66,8 @@ def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]
     bands = colors[:, 1:].reshape(len(means), 3 * (colors.shape[1] - 1))
     logs = gaussians.log_scales.cpu().numpy()
     usual = np.median(logs) if logs.size else 0.0
-    log_scale, scale_range = _quantize(
-        logs.clip(usual - 12, usual + 12)
-    )  # an extreme one coarsens the others
+    # An extreme one would coarsen the others.
+    log_scale, scale_range = _quantize(logs.clip(usual - 12, usual + 12))
     color, color_range = _quantize(colors[:, 0] * SH_C0 + 0.5)
     limit = float(np.quantile(np.abs(bands), 1 - _CUT_OFF)) if bands.size else 0.0
     quats = functional.normalize(gaussians.quats.cpu(), dim=1, eps=1e-30).numpy()

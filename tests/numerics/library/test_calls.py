@@ -1,6 +1,5 @@
 """Public functions of the library: numbers at their extremes end in one clear line or in a sound answer."""
 
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf, nan
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 
 import egosplat
-from tests.support.page_scene import put_histories
 
 NO_WHOLES, NO_TIMES = (2.5, nan, inf, "2", [2]), (nan, "soon", [1.0])
 
@@ -53,8 +51,8 @@ def ask_picture(scene: egosplat.Scene, *shape: int) -> list[egosplat.Answer]:
 
 def run(**keys: object) -> None:
     """A training that is refused before it begins."""
-    given = {"frames": "s/frames.zarr", "poses": "s/poses.zarr", "output": "o.zarr", "masking": "none"}
-    egosplat.run_stage("splats", **given, **keys)
+    inputs = {name: f"results/adt/scene1/{name}.zarr" for name in ("frames", "poses")}
+    egosplat.run_stage("splats", **inputs, output="o.zarr", masking="none", **keys)
 
 
 def thing(scene: egosplat.Scene) -> egosplat.Thing:
@@ -138,17 +136,9 @@ def tell_refused(case: tuple) -> tuple[str, str]:
     return f"{case[0]} {', '.join(f'{value!r:.12}' for value in case[3])}", f'error "{case[1]}"'
 
 
-@pytest.fixture(scope="module")
-def place(page_scene, tmp_path_factory) -> Path:
-    folder = tmp_path_factory.mktemp("library")
-    put_histories(Path(shutil.copytree(page_scene, folder / "s")))
-    return folder
-
-
 @pytest.fixture
-def scene(place, monkeypatch) -> egosplat.Scene:
-    monkeypatch.chdir(place)
-    return egosplat.open_scene("s")
+def scene(work) -> egosplat.Scene:
+    return egosplat.open_scene("results/adt/scene1")
 
 
 @pytest.mark.parametrize("name, said, call, values", cases(REFUSED, tell_refused))

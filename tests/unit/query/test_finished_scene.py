@@ -4,7 +4,6 @@ import doctest
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,23 +12,8 @@ import egosplat
 from egosplat.artifacts import reader
 from egosplat.errors import UserError
 from tests.support import ROOT
-from tests.support.page_scene import put_histories
 
 SHEET = dict.fromkeys(("frames", "annotations", "poses", "output"), "f")
-
-
-@pytest.fixture(scope="module")
-def results(page_scene, tmp_path_factory) -> Path:
-    """A folder with ``results/adt/scene1``, the scene of the examples."""
-    folder = tmp_path_factory.mktemp("work")
-    put_histories(Path(shutil.copytree(page_scene, folder / "results/adt/scene1")))
-    return folder
-
-
-@pytest.fixture
-def work(results, monkeypatch) -> Path:
-    monkeypatch.chdir(results)
-    return results
 
 
 def test_the_page_of_the_library_runs_as_it_is(work):
