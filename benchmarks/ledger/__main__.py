@@ -1,8 +1,8 @@
 """Scores of seven apartments that nobody has seen: drawn from a text, run once, and kept with every row.
 
-    python -m benchmarks.ledger TEXT             # draw, run, score, and write benchmarks/ledger/TEXT/
-    python -m benchmarks.ledger TEXT --release   # the same, with more settings
-    python -m benchmarks.ledger --report         # every table and interval from the rows, of each text and pooled
+    python -m benchmarks.ledger TEXT                 # draw, run, score, and write benchmarks/ledger/TEXT/
+    python -m benchmarks.ledger TEXT draft accurate  # the same, of these settings and the default's
+    python -m benchmarks.ledger --report             # every table and interval from the rows, of each text and pooled
 
 A text is committed to benchmarks/ledger/texts.tsv before it is run, and run once. A run needs a clean checkout of one commit to
 its end: take a worktree of its own. The same command goes on after an interruption. Commit its folder.
@@ -41,18 +41,14 @@ from egosplat.pipeline.variants import variant_folder
 from egosplat_rivals.scored_scenes import FULL, ScoredScene
 
 # Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
+BY_PIXELS = ("occam", "semantic_gaussians", "gags", "langsplat", "langsplat2", "splat_feature_solver")
 SETTINGS: dict[str, str | None] = {
     FULL: None,
     "full_pixels": "pixels",
-    **{name: name for name in (AS_GIVEN, "no_sizes", "draft", "baseline", "occam", "occam_pixels")},
+    **{name: name for name in (AS_GIVEN, "no_sizes", "draft", "quick", "accurate", "baseline")},
+    **{name: name for name in ("lerf", "legaussians")},
+    **{name: name for method in BY_PIXELS for name in (method, f"{method}_pixels")},
 }
-
-# What --release adds.
-BY_PIXELS = ("semantic_gaussians", "gags", "langsplat", "langsplat2", "splat_feature_solver")
-RELEASE = (
-    *("quick", "accurate", "lerf", "legaussians"),
-    *(f"{method}{by}" for method in BY_PIXELS for by in ("", "_pixels")),
-)
 
 # Configuration of all runs: what differs from the defaults.
 CONFIGURATION: dict[str, Any] = {
@@ -157,14 +153,14 @@ def check_commit(scenes: Collection[ScoredScene], commit: str) -> None:
                 )
 
 
-def run(text: str, release: bool, cores: int) -> Path:
-    """Draw, run and score the apartments of a text, and write its entry.
+def run(text: str, asked: Collection[str], cores: int) -> Path:
+    """Draw, run and score the apartments of a text with settings, and write its entry.
 
     Raises:
         UserError: see ``check_text`` and ``check_commit``; or a job failed.
     """
     commit = check_text(text)
-    settings = SETTINGS | {name: name for name in RELEASE if release}
+    settings = {name: SETTINGS[name] for name in SETTINGS if name in {FULL, *asked}}
     taken = {
         seed for one in read_texts().query("ran")["text"] for seed in read_rows(LEDGER / one).about["seeds"]
     }
@@ -179,7 +175,7 @@ def run(text: str, release: bool, cores: int) -> Path:
         )
     found = read_scenes([folder / "results/ledger" / scene for scene in scenes], settings)
     check_commit([one for own in found.values() for one in own], commit)
-    told = {"seeds": seeds, "release": release, "configuration": CONFIGURATION | {"worlds": WORLDS}}
+    told = {"seeds": seeds, "configuration": CONFIGURATION | {"worlds": WORLDS}}
     write_rows(LEDGER / text, collect(text, found, text=text, commit=commit, **told))
     return LEDGER / text
 
@@ -200,15 +196,15 @@ def report(text: str) -> str:
 
 @command(__doc__)
 @click.argument("text", required=False)
-@click.option("--release", is_flag=True, help=f"Also {', '.join(RELEASE)}.")
+@click.argument("settings", nargs=-1, type=click.Choice([*SETTINGS]))
 @click.option("--report", "reported", is_flag=True, help="Print the tables of TEXT, or of all texts.")
 @click.option("--cores", default=len(os.sched_getaffinity(0)), show_default=True, help="Of Snakemake.")
-def main(text: str | None, release: bool, reported: bool, cores: int) -> None:
-    """Run a text, or report."""
+def main(text: str | None, settings: tuple[str, ...], reported: bool, cores: int) -> None:
+    """Run a text, or report; without SETTINGS all are run."""
     if not reported and text is None:
         raise UserError("give a TEXT to run, or --report")
     if not reported:
-        click.echo(f"wrote {run(text, release, cores)}; commit it", err=True)
+        click.echo(f"wrote {run(text, settings or SETTINGS, cores)}; commit it", err=True)
     click.echo("\n\n".join(map(report, [text] if text else [POOL, *read_texts()["text"]])))
 
 

@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 # torch reads it on import. Waiting threads that spin made training on two shared cores 3 to 7 times slower.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

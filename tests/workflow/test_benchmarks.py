@@ -208,13 +208,6 @@ def test_survey(scene, survey, tmp_path, monkeypatch):
     assert [(row[0], row[1], row[-1]) for row in rows if row[0] == "busy"] == [("busy", "people", "0/1")]
 
 
-def test_training(scene):
-    (row,) = by_column(run("training.__main__", scene))
-    assert (
-        row["iterations"] == "40" and row["held out"] == "3" and row["Gaussians (at most)"] == "2,000 (2,000)"
-    )
-
-
 def test_transient(scene):
     rows = by_column(run("transient.__main__", scene))
     kinds = {row["masks"]: row for row in rows if row["scene"] == "all"}

@@ -53,7 +53,7 @@ rule tables:
         metrics=lambda _: compared.table_scores(scenes.values()),
         pictures=lambda _: compared.table_pictures(scenes.values()),
     output:
-        expand("results/benchmark/{name}.{form}", name=TABLES, form=("csv", "md")),
+        expand("results/benchmark/{name}.csv", name=TABLES),
         page=report(
             "results/benchmark/tables.html",
             caption="../report/tables.rst",
