@@ -4,6 +4,7 @@ import gzip
 import math
 import struct
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from egosplat.calibration.ply import read_vertices
-from egosplat.errors import UserError, from_extra
+from egosplat.errors import UserError, from_extra, reraise_as
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.similarity import moved
 from egosplat.progress import log
@@ -107,13 +108,11 @@ def _numbered(name: str, count: int) -> tuple[str, ...]:
 
 
 def _read_spz(path: Path, head: bytes) -> Gaussians:
-    try:
+    with reraise_as(partial(_damaged, path)):
         if head.startswith(_GZIP):
             with gzip.open(path) as file:
                 head = file.read(8)
         magic, version = head[:4], struct.unpack("<I", head[4:8])[0]
-    except (OSError, EOFError, struct.error) as error:
-        raise _damaged(path, error) from error
     if magic != _MAGIC or version not in _SPZ_VERSIONS:
         what = f"is .spz of version {version}" if magic == _MAGIC else "is packed by gzip, and no .spz"
         raise UserError(f"{path}: {what}; versions 2 to 4 are read. Export a .ply")
@@ -124,10 +123,9 @@ def _read_spz(path: Path, head: bytes) -> Gaussians:
 def _read_by_gsply(path: Path, function: str) -> Gaussians:
     with from_extra("gsply", str(path)):
         import gsply
-    try:
+    # Decompressors have errors of their own, which a damaged file raises, too.
+    with reraise_as(partial(_damaged, path)):
         data = getattr(gsply, function)(path)
-    except (ValueError, KeyError, TypeError, OSError) as error:
-        raise _damaged(path, error) from error
     rest = [] if data.shN is None else [data.shN]
     sh = np.concatenate([data.sh0[:, None], *rest], axis=1)
     return _gaussians(data.means, data.quats, data.scales, data.opacities, sh)

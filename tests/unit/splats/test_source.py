@@ -130,10 +130,8 @@ BAD = {
     "lengths": (edited(scale_0=0.01, scale_1=0.02, scale_2=0.01), "scale_0.*no logarithms"),
     "spz 1": (header(1), "version 1; versions 2 to 4"),
     "spz 9": (header(9), "version 9; versions 2 to 4"),
-    "spz, cut off": (
-        lambda one: gzip.compress(gzip.decompress(spz(one, 3))[:-99]),
-        "not a readable packed file",
-    ),
+    "spz, cut off": (lambda one: gzip.compress(gzip.decompress(spz(one, 3))[:-99]), "readable packed file"),
+    "spz, damaged": (lambda one: spz(one, 3)[:40] + b"\xff" * 8 + spz(one, 3)[48:], "readable packed file"),
     "half a gzip": (lambda one: spz(one, 3)[:12], "not a readable packed file"),
     "another gzip": (header(3, 7), "no .spz"),
     "a picture": (lambda _: b"\x89PNG\r\n", "neither a .ply nor an .spz.*SuperSplat"),
