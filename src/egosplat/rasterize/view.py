@@ -34,6 +34,12 @@ class View(Arguments):
         check(self)
         return cpu.projected(self)
 
+    def _inside(self, pixels: Tensor) -> Tensor:
+        """The same (P, 2) pixels, column and row (ValueError: one lies outside the image)."""
+        if ((pixels < 0) | (pixels >= pixels.new_tensor([self.width, self.height]))).any():
+            raise ValueError(f"a pixel lies outside the image of {self.width} x {self.height}")
+        return pixels
+
     def _on_cpu(self) -> "View":
         """The same with tensors on the CPU, and the backend that the tensors had chosen; ``cpu`` for ``cuda``."""
         tensors = {name: value.cpu() for name, value in vars(self).items() if isinstance(value, Tensor)}
@@ -126,14 +132,13 @@ def pixel_renderer(view: View, pixels: Tensor) -> Callable[[Tensor], Tensor]:
     The backend cpu lists what each pixel shows once, so that a render takes time by its pixels and no longer by the image;
     the others render the whole image. ValueError: a pixel lies outside the image.
 
-    Returns:
-        A function of (N, X) values that gives (P, X) on background 0, differentiable by the values.
+    Returns a function of (N, X) values that gives (P, X) on background 0, differentiable by the values.
     """
     if view._backend == "cpu":
         begin, gaussians, weights = pixel_lists(view, pixels)
         options = {"mode": "sum", "include_last_offset": True, "per_sample_weights": weights}
         return lambda values: embedding_bag(gaussians, values, begin, **options)
-    columns, rows = pixels.to(view.means.device).unbind(1)
+    columns, rows = view._inside(pixels).to(view.means.device).unbind(1)
     return lambda values: composite(view, values)[0][rows, columns]
 
 
@@ -147,7 +152,7 @@ def pixel_lists(view: View, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         On the CPU: begin (P + 1,) int64, where each pixel's list begins, and the end; Gaussians (M,) int64, nearest
         first; and their weights (M,), alpha times transmittance.
     """
-    view = view._on_cpu()
+    view, pixels = view._on_cpu(), view._inside(pixels)
     if view.backend == "reference":
         return _reference_lists(view, pixels)
     return lookups.list_weights(view._projected(), pixels)

@@ -112,8 +112,9 @@ def test_sums_over_pixels_are_the_gradient_of_a_render_to_the_bit(channels, back
 
 
 def test_what_does_not_fit_the_view_is_refused():
-    with pytest.raises(ValueError, match="outside"):
-        pixel_renderer(view(), torch.tensor([[67, 0]]))
+    for backend in ("cpu", "reference"):
+        with pytest.raises(ValueError, match="outside"):
+            pixel_renderer(view(backend=backend), torch.tensor([[0, 0], [66, -1]]))
     with pytest.raises(ValueError, match="300 x 70"):
         composite_sparse(view(), values_of(0.1)[:299])
     for image in (torch.ones(41, 67), torch.ones(67, 41, 1), torch.ones(41, 67, 1, dtype=torch.float64)):

@@ -64,17 +64,12 @@ def composite_sparse(projected: Projected, values: tuple[Tensor, Tensor, Tensor]
 
 
 def list_weights(projected: Projected, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """List what (P, 2) pixels, column and row inside the image, show, without rendering an image.
-
-    ValueError: a pixel lies outside the image.
+    """List what (P, 2) pixels, column and row inside the image, show, without rendering an image. The caller checks them.
 
     Returns:
         begin (P + 1,) int64: where each pixel's list begins, and the end; Gaussians (M,) int64, nearest first; and
         their weights (M,) float32, alpha times transmittance, as ``kernels.raster.composite`` uses them.
     """
-    width, height = projected.width, projected.height
-    if ((pixels < 0) | (pixels >= torch.tensor([width, height]))).any():
-        raise ValueError(f"a pixel lies outside the image of {width} x {height}")
     arrays, wanted = projected.arrays(), pixels.to(torch.int32).contiguous()
     begin = torch.zeros(len(wanted) + 1, dtype=torch.int64)
     kernel = function("pixel_weights", 4 * "i" + 6 * "p" + "ipl" + 3 * "p")
