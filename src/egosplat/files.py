@@ -17,10 +17,7 @@ from egosplat.errors import MAKE_ROOM, NO_ROOM, UserError, reraise_as, user_mess
 
 @contextlib.contextmanager
 def atomic_directory(path: Path) -> Iterator[Path]:
-    """Yield an empty directory that becomes ``path`` when the block ends without error; otherwise it is removed.
-
-    Whatever ``path`` held before is replaced at that moment.
-    """
+    """Yield an empty directory that replaces ``path`` when the block ends without error; otherwise it is removed."""
     scratch = _begin(path)
     scratch.mkdir()
     with _named(path), _locked(scratch):
@@ -64,10 +61,8 @@ def alone(folder: Path, what: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]:
-    """Yield an empty directory below ``parent``, or the system's for temporary files, that is removed when the block ends.
-
-    Those that killed processes left are removed, too: no other use may share the ``prefix`` of its name.
-    """
+    """Yield an empty directory below ``parent``, or the system's for temporary files, that is removed when the block ends. Those
+    that killed processes left are removed, too: no other use may share the ``prefix`` of its name."""
     parent = parent or Path(tempfile.gettempdir())
     _sweep(filter(Path.is_dir, parent.glob(f"{prefix}*")))
     with tempfile.TemporaryDirectory(prefix=prefix, dir=parent) as name, _locked(Path(name)):
@@ -75,9 +70,8 @@ def scratch_directory(prefix: str, parent: Path | None = None) -> Iterator[Path]
 
 
 def read_user_text(path: Path) -> str:
-    """The content of a user's text file in UTF-8, with or without a byte order mark. Ends of lines stay as
-    they are (FileNotFoundError: it does not exist; UserError: it cannot be read, is a pipe, or is not
-    UTF-8)."""
+    """The content of a user's text file in UTF-8, with or without a byte order mark. Ends of lines stay as they are
+    (FileNotFoundError: it does not exist; UserError: it cannot be read, is a pipe, or is not UTF-8)."""
     if path.is_fifo():
         # A pipe gives its content to the first reader; each job of a run is one more.
         raise UserError(f"{path}: is a pipe, which can be read once only; give a file")
@@ -214,11 +208,17 @@ def _named(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _locked(scratch: Path) -> Iterator[None]:
-    """Hold a lock on a file or directory. It ends with the process, so a lock that can be taken marks a killed writer."""
-    handle = os.open(scratch, os.O_RDONLY)
+def _locked(scratch: Path, *, needed: bool = False) -> Iterator[None]:
+    """Hold a lock on a file or directory. It ends with the process, so a lock that can be taken marks a killed writer. None is held
+    where the file system has no locks, unless it is ``needed`` (OSError)."""
+    # NFS locks a file only if it is open for writing.
+    handle = os.open(scratch, os.O_RDONLY if scratch.is_dir() else os.O_RDWR)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if needed or isinstance(error, BlockingIOError):
+                raise
         yield
     finally:
         os.close(handle)
@@ -228,7 +228,7 @@ def _sweep(scratch: Iterable[Path]) -> None:
     """Remove those scratch files and directories whose writers were killed."""
     for left in scratch:
         # A lock that cannot be taken is held by a writer that still runs.
-        with contextlib.suppress(OSError), _locked(left):
+        with contextlib.suppress(OSError), _locked(left, needed=True):
             shutil.rmtree(left) if left.is_dir() else left.unlink()
 
 

@@ -72,10 +72,7 @@ def system(number: int, *file: str) -> OSError:
         (UserError("(https://me:pw@hub.org/a?token=pw) b"), "", "(https://...@hub.org/a?...) b"),
         (MemoryError(), "memory", NONE_LEFT),
         (system(errno.ENOMEM), "memory", NONE_LEFT),
-        *(
-            (kind("lib.so: failed to map segment from shared object"), "memory", NONE_LEFT)
-            for kind in (OSError, ImportError)
-        ),
+        *((kind("lib.so: failed to map segment"), "memory", NONE_LEFT) for kind in (OSError, ImportError)),
         (RuntimeError("can't start new thread"), "memory", NONE_LEFT),
         (RuntimeError("could not create a primitive"), "memory", NONE_LEFT),
         (RuntimeError("unable to mmap 8 bytes: Cannot allocate memory (12)"), "memory", NONE_LEFT),
@@ -113,8 +110,7 @@ def test_errors_of_users_and_the_system_are_told_and_those_of_the_program_are_no
     ],
 )
 def test_a_killed_or_crashed_stage_is_explained(status, limit, told):
-    limited = (
-        f"ulimit -v {limit}; sh {shlex.quote(str(ROOT / 'workflow/scripts/tell_if_killed.sh'))} {status}"
-    )
+    script = shlex.quote(str(ROOT / "workflow/scripts/tell_if_killed.sh"))
+    limited = f"ulimit -v {limit}; sh {script} {status}"
     done = subprocess.run(["sh", "-c", limited], capture_output=True, text=True, check=True)
     assert told in done.stderr and bool(told) == bool(done.stderr) and done.stdout == ""

@@ -1,6 +1,7 @@
 """Commands that write one file replace what is there only under their own name, or with ``--overwrite``."""
 
 import errno
+import fcntl
 import os
 import stat
 import tempfile
@@ -158,9 +159,7 @@ def test_a_new_folder_replaces_nothing(tmp_path, target):
     assert os.path.lexists(place)
 
 
-@pytest.mark.parametrize(
-    "check", [check_new_folder, lambda path: check_output(path, "x.png", overwrite=True)]
-)
+@pytest.mark.parametrize("check", [check_new_folder, lambda to: check_output(to, "x.png", overwrite=True)])
 def test_a_place_below_a_file_or_device_is_named(tmp_path, check):
     (tmp_path / "file").touch()
     for above in (tmp_path / "file", Path("/dev/null")):
@@ -201,6 +200,19 @@ def test_a_mark_of_byte_order_is_no_part_of_a_text_and_nobody_has_a_home(tmp_pat
     assert read_user_text(tmp_path / "a.json") == '{"a": 1}\r\n'
     assert read_json(tmp_path / "a.json") == {"a": 1}
     assert expand_home("~nobody-of-this-name/x") == Path("~nobody-of-this-name/x")
+
+
+@pytest.mark.parametrize("number", [errno.EBADF, errno.ENOSYS])
+def test_a_file_system_may_lock_only_what_is_open_for_writing_or_nothing(tmp_path, monkeypatch, number):
+    def flock(handle: int, _: int) -> None:
+        writes = os.path.isdir(handle) or fcntl.fcntl(handle, fcntl.F_GETFL) & os.O_RDWR
+        if number == errno.ENOSYS or not writes:
+            raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    (other := tmp_path / ".one.json.12345678.tmp").touch()
+    with atomic_directory(tmp_path / "one.zarr"), atomic_file(tmp_path / "one.json"):
+        assert other.exists() == (number == errno.ENOSYS), "it may be of a running writer"
 
 
 def test_what_is_written_is_on_the_disk_before_it_has_its_name(monkeypatch, tmp_path):
