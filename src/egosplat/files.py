@@ -44,12 +44,12 @@ def atomic_file(path: Path) -> Iterator[Path]:
 
 
 @contextlib.contextmanager
-def alone(folder: Path, what: str) -> Iterator[None]:
-    """Let one process at a time make ``what`` in a folder, in which nothing tells of it (UserError: names the process that does)."""
+def alone(folder: Path, what: str, *, wait: bool = False) -> Iterator[None]:
+    """Let one process at a time make ``what`` in a folder, in which nothing tells of it; others ``wait`` (UserError: names it)."""
     folder.mkdir(parents=True, exist_ok=True)
     with contextlib.ExitStack() as held:
         try:
-            held.enter_context(_locked(folder))
+            held.enter_context(_locked(folder, wait=wait))
         except BlockingIOError:
             device, inode = folder.stat().st_dev, folder.stat().st_ino
             mark = f"{os.major(device):02x}:{os.minor(device):02x}:{inode} "
@@ -208,14 +208,14 @@ def _named(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def _locked(scratch: Path, *, needed: bool = False) -> Iterator[None]:
+def _locked(scratch: Path, *, needed: bool = False, wait: bool = False) -> Iterator[None]:
     """Hold a lock on a file or directory. It ends with the process, so a lock that can be taken marks a killed writer. None is held
     where the file system has no locks, unless it is ``needed`` (OSError)."""
     # NFS locks a file only if it is open for writing.
     handle = os.open(scratch, os.O_RDONLY if scratch.is_dir() else os.O_RDWR)
     try:
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(handle, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
         except OSError as error:
             if needed or isinstance(error, BlockingIOError):
                 raise

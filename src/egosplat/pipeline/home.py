@@ -36,8 +36,7 @@ ASKED = ("frames", "poses", "splats", "language")
 
 def find_home(path: Path) -> Path:
     """Find a file of the workflow or its configuration, as ``config/config.yaml``: in the working directory, else as it comes
-    with egosplat, in a checkout or the installed package.
-    """
+    with egosplat, in a checkout or the installed package."""
     # Another Snakemake project may live in the working directory.
     is_other = any(Path(name).is_file() for name in _SNAKEFILES)
     if path.exists() and (has_workflow(Path()) or not is_other):

@@ -147,11 +147,14 @@ def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
         raise UserError(f"{path}, line {first}: {needs}")
     for number, row in rows:
         if len(row) != len(columns):
-            has = f"has {len(row)} of the {len(columns)} columns {', '.join(columns)}"
-            raise UserError(
-                f"{path}, line {number}: {has}; put one tab between two of them, for an empty one too"
-            )
+            has = f"{path}, line {number}: has {len(row)} of the {len(columns)} columns {', '.join(columns)}"
+            raise UserError(f"{has}; put one tab between two of them, for an empty one too")
     return [(number, dict(zip(columns, row, strict=True))) for number, row in rows]
+
+
+def given_recording(row: Mapping[str, str], config: Config) -> Path:
+    """Get the path of a row's recording, which may be relative to the folder of its dataset."""
+    return expand_home(config["data_root"].get(row["dataset"]) or ".") / expand_home(row["recording"])
 
 
 def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str, real: str = PHOTOS) -> Scene:
@@ -169,8 +172,7 @@ def scene_of_row(row: dict[str, Any], config: LayeredConfig, where: str, real: s
         needs = "give the format adt and the option synthetic.seed, or a recording"
         raise UserError(f"{where}: recording - is a synthetic apartment; {needs}")
     synthetic = filmed and (root is None or by_name)
-    given = expand_home(root or ".") / expand_home(row["recording"])
-    recording = Path("results", dataset, name, "recording") if synthetic else given
+    recording = Path("results", dataset, name, "recording") if synthetic else given_recording(row, config)
     try:
         rendered = synthetic or recording_origin(format, recording) == "synthetic"
     except UserError:

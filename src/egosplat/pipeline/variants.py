@@ -146,10 +146,9 @@ def _ancestry(variants: Mapping[str, Mapping[str, Any]], name: str, where: str) 
             raise UserError(f"variant {name}: circular inheritance {circle}. Fix its key 'extends'")
         if variant not in variants:
             more = [f"{len(variants) - 8} more"] if len(variants) > 8 else []
-            advice = "Add it to the configuration key 'variants', or take one of"
-            raise UserError(
-                f"{where}: no variant {variant!r}. {advice}: {', '.join([*[*variants][:8], *more])}"
-            )
+            advice = f"or take one of: {', '.join([*[*variants][:8], *more])}"
+            told = f"{where}: no variant {variant!r}. Add it to the configuration key 'variants', {advice}"
+            raise UserError(told)
         for below in _extended(variants, variant):
             visit(below, (*above, variant))
         merged.setdefault(variant)

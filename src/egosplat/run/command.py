@@ -12,7 +12,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from egosplat.calibration.files import AUTO, source_files
+from egosplat.calibration.files import source_files
 from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import alone, read_user_text, write_text
@@ -21,7 +21,7 @@ from egosplat.pipeline.config import LayeredConfig, parse_options
 from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.model_sets import LIGHT, PHOTOS
 from egosplat.pipeline.process_guards import STARTED_BY
-from egosplat.pipeline.scenes import Scene, local_table, read_rows, scene_of_row, tables_of
+from egosplat.pipeline.scenes import Scene, given_recording, local_table, read_rows, scene_of_row, tables_of
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import is_hushed, log
 from egosplat.run.sources import name_of, read_source
@@ -51,7 +51,7 @@ def make_scene(
             )
     given = dict(pair.split("=", 1) for pair in options)
     unpacked = Path("results") / dataset / scene_name / "recording"
-    found = read_source(source, unpacked, given.get("frames.known_poses", AUTO))
+    found = read_source(source, unpacked, given.get("frames.known_poses", config["frames"]["known_poses"]))
     keys = {**found.options, **given}
     row = {"dataset": dataset, "scene": scene_name, "format": found.format, "recording": str(found.path)}
     row["options"] = " ".join(f"{key}={value}" for key, value in keys.items())
@@ -65,10 +65,9 @@ def make_scene(
         if splat := scene.config["splats"]["source"]:
             source_files(splat)
         stride = scene.config["frames"]["stride"]
-        taken = f", every {stride}th taken (frames.stride={stride})" if stride > 1 else ""
-        log(
-            f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}, models {scene.config['models']['set']}"
-        )
+        taken = f", one in {stride} taken (frames.stride={stride})" if stride > 1 else ""
+        about = f"{scene.name}: {found.about}{taken}, {found.path}; preset {config['preset']}"
+        log(f"{about}, models {scene.config['models']['set']}")
         words = ["snakemake", "--cores", str(cores or len(os.sched_getaffinity(0)))]
         if (workflow := find_home(SNAKEFILE)) != SNAKEFILE:
             words[1:1] = ["--snakefile", str(workflow)]
@@ -123,10 +122,8 @@ def run_snakemake(words: Sequence[str]) -> int:
 def split_name(name: str) -> tuple[str, str]:
     """Split ``dataset/scene``; a name without a dataset is one of ``mine`` (UserError: it has another form)."""
     if (found := re.fullmatch(r"(?:(?!benchmark/)([a-z0-9_]+)/)?([A-Za-z0-9_-]+)", name)) is None:
-        raise UserError(
-            f"--name {name}: is no dataset/scene, as in mine/kitchen_2: dataset of small letters, digits and _, and not "
-            "benchmark; scene of letters, digits, _ and -"
-        )
+        letters = "dataset of small letters, digits and _, not benchmark; scene of letters, digits, _ and -"
+        raise UserError(f"--name {name}: is no dataset/scene, as in mine/kitchen_2: {letters}")
     return found[1] or "mine", found[2]
 
 
@@ -155,23 +152,20 @@ def _row_of(config: LayeredConfig, scene: Scene) -> tuple[Path, dict[str, str]] 
     return next((one for one in rows if (one[1]["dataset"], one[1]["scene"]) == key), None)
 
 
-# The local table of scenes, which git ignores, has one row for each recording that was given.
 def put_row(config: LayeredConfig, row: Mapping[str, str]) -> Scene:
     """Write a scene's row into the local table, in place of that of the same recording (UserError: a key is wrong, or another
     recording has the name, which in the local table one that is gone frees)."""
     scene = scene_of_row(dict(row), config, f"{row['dataset']}/{row['scene']}")
-    path = local_table(config)
-    if earlier := _row_of(config, scene):
-        table, other = earlier
-        recording = Path(other["recording"])
-        freed = recording.resolve() == scene.recording.resolve() or not recording.exists()
-        if not (freed and table == path):
-            raise UserError(
-                f"{scene.name}: is in {table} already, with the recording {recording}; give this one another name, "
-                f"as in --name {scene.name}2"
-            )
-    lines = read_user_text(path).splitlines() if path.exists() else ["\t".join(row)]
-    own = f"{scene.dataset}\t{scene.scene}\t"
-    kept = [line for line in lines if not line.startswith(own)]
-    write_text(path, "\n".join([*kept, "\t".join(row.values())]) + "\n")
+    path, own = local_table(config), f"{scene.dataset}\t{scene.scene}\t"
+    with alone(path.parent, str(path), wait=True):
+        if earlier := _row_of(config, scene):
+            table, other = earlier
+            recording = given_recording(other, config)
+            freed = recording.resolve() == scene.recording.resolve() or not recording.exists()
+            if not (freed and table == path) or other["recording"] == "-":
+                told = f"{scene.name}: is in {table} already, with the recording {other['recording']}"
+                raise UserError(f"{told}; give this one another name, as in --name {scene.name}2")
+        lines = read_user_text(path).rstrip("\n").split("\n") if path.exists() else ["\t".join(row)]
+        kept = [line for line in lines if not line.startswith(own)]
+        write_text(path, "\n".join([*kept, "\t".join(row.values())]) + "\n")
     return scene

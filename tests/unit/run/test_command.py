@@ -5,6 +5,8 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -52,11 +54,15 @@ def test_weights_that_cannot_be_fetched_are_told_before_the_first_step(calls, tm
     assert not calls
 
 
-def test_the_workflow_of_the_working_directory_is_taken_first(calls, tmp_path):
+def test_workflow_and_configuration_of_the_working_directory_are_taken_first(calls, tmp_path, capsys):
     Path("workflow").mkdir()
     shutil.copy(ROOT / "workflow/Snakefile", "workflow")
+    Path("config").mkdir()
+    Path("config/config.yaml").write_text("frames: {known_poses: none}")
+    (tmp_path / "photos/transforms.json").write_text("{}")
     make_scene(tmp_path / "photos", name="kitchen")
     assert "--snakefile" not in calls[0] and "results/mine/kitchen/scene.html" in calls[0]
+    assert ": 3 pictures, " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("place", ["Snakefile", "workflow/Snakefile"])
@@ -76,9 +82,8 @@ def test_a_hushed_run_tells_alarms_and_the_rest_only_if_it_fails(tmp_path, monke
     for status in (0, 1):
         said = r"print('said\nsplats: alarm: splats.psnr: low')"
         (tmp_path / "pretended.py").write_text(f"{said}; raise SystemExit({status})")
-        assert (
-            command.run_snakemake(["pretended"]) == status == (told := capsys.readouterr().err).count("said")
-        )
+        ended = command.run_snakemake(["pretended"])
+        assert ended == status == (told := capsys.readouterr().err).count("said")
         assert told.endswith("splats: alarm: splats.psnr: low\n")
 
 
@@ -141,11 +146,8 @@ def test_snakemake_ends_first_and_once(tmp_path, ending, way):
 
 
 def test_a_missing_splat_and_what_is_no_key_with_its_value_are_told_before_the_first_step(calls, tmp_path):
-    for pair, told in (
-        ("frames.stride", "--set f"),
-        ("frames.stride=2 a", "blanks"),
-        ("splats.source=a.ply", "a.ply"),
-    ):
+    told_of = {"frames.stride": "--set f", "frames.stride=2 a": "blanks", "splats.source=a.ply": "a.ply"}
+    for pair, told in told_of.items():
         with pytest.raises(UserError, match=told):
             make_scene(tmp_path / "photos", options=(pair,))
     assert not calls
@@ -191,7 +193,15 @@ def test_the_same_recording_keeps_one_row_with_the_last_keys_and_a_wrong_row_of_
     ]
 
 
-def test_another_recording_of_the_name_is_refused_unless_the_first_is_gone(put, tmp_path):
+def test_runs_that_begin_at_once_keep_the_rows_of_all(put, monkeypatch):
+    put("a line\u2028.mp4")
+    read = command.read_user_text
+    monkeypatch.setattr(command, "read_user_text", lambda path: (read(path), time.sleep(0.1))[0])
+    list(ThreadPoolExecutor().map(lambda name: put(name=name), ("a", "b")))
+    assert {scene for _, scene in read_scenes(defaults())} >= {"a", "b", "kitchen"}
+
+
+def test_another_recording_of_the_name_is_refused_unless_the_first_is_gone(put, tmp_path, monkeypatch):
     put()
     before = table(tmp_path)
     with pytest.raises(UserError, match=r"mine/kitchen: .*a\.mp4.*--name mine/kitchen2"):
@@ -201,9 +211,11 @@ def test_another_recording_of_the_name_is_refused_unless_the_first_is_gone(put, 
     assert put("moved.mp4").recording == tmp_path / "moved.mp4"
     assert table(tmp_path).count("kitchen") == 1
     # Of a row in the tracked table the name is never free.
-    (tmp_path / "config/scenes.tsv").write_text(f"{HEADER}mine\tkitchen\tplain\tgone.mp4\t\n")
-    with pytest.raises(UserError, match=r"config/scenes\.tsv"):
-        put("moved.mp4")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    for name, there in (("scenes.local", "~/moved.mp4"), ("scenes.local", "-"), ("scenes", "gone.mp4")):
+        (tmp_path / f"config/{name}.tsv").write_text(f"{HEADER}mine\tkitchen\tplain\t{there}\t\n")
+        with pytest.raises(UserError, match=rf"config/{name}\.tsv .* {there};"):
+            put("other.mp4")
 
 
 @pytest.mark.parametrize(

@@ -39,11 +39,8 @@ def scenes(tmp_path, monkeypatch):
 def words(stage: str, job: Job) -> dict[str, str]:
     """The flags of a stage's command, by name; repeated ones joined."""
     found = shlex.split(jobs.arguments(stage, job))
-    names = dict.fromkeys(found[::2])
-    return {
-        name[2:]: " ".join(v for n, v in zip(found[::2], found[1::2], strict=True) if n == name)
-        for name in names
-    }
+    flags = [*zip(found[::2], found[1::2], strict=True)]
+    return {name[2:]: " ".join(value for flag, value in flags if flag == name) for name, _ in flags}
 
 
 def test_a_run_without_a_target_takes_scenes_whose_recording_exists_or_can_be_made(scenes):
