@@ -61,7 +61,7 @@ TRAJECTORIES = {
 _COPY, _LINK = "cp {1} {0}/transforms.json, and give {0}", "ln -s {2} {0}/colmap, and give {0}"
 _CONVERT = "nerfstudio's ns-process-data {1} --data {0} --output-dir NEW makes a folder to give"
 _GIVE = "give a COLMAP model as {0}/colmap, or {0}/transforms.json"
-_MODELS = ("cameras.bin", "sparse/[1-9]*/cameras.*", "d*/sparse/cameras.*", "d*/*/*/cameras.*")
+_MODELS = ("cameras.bin", "sparse/[1-9]*/cameras.*", "dense/**/cameras.*", "distorted/**/cameras.*")
 _OTHERS = (
     *("poses_bounds.npy", "groundtruth.txt", "poses*.txt", "traj.txt", "pose/*", "*.pose.txt", "cams/*.txt"),
     *("cameras.sfm", "sfm_data.json", "bundle.out", "cameras.xml", "cameras.json", "odometry.csv"),
@@ -99,14 +99,14 @@ def digest_of_recording(stage: str, format: str, recording: Path, config: Mappin
     if not files:
         return "none"
     use = hashlib.sha256(f"{stage} {recording.absolute()}".encode()).hexdigest()[:16]
-    cache, known = user_cache() / "digests" / f"{use}.json", {}
-    with suppress(OSError, ValueError):
-        known = read_json(cache)
+    cache, known = Path("digests", f"{use}.json"), {}
+    # ``Path.home`` raises RuntimeError for a user without one.
+    with suppress(OSError, RuntimeError, ValueError):
+        known = read_json(user_cache() / cache)
     told = {str(path): _digest_of_file(path, known.get(str(path))) for path in files}
     if told != known:
-        with suppress(OSError, UserError):
-            cache.parent.mkdir(parents=True, exist_ok=True)
-            write_json(cache, told)
+        with suppress(OSError, RuntimeError, UserError):
+            write_json(user_cache() / cache, told)
     return hashlib.sha256(repr([(name, row[-1]) for name, row in told.items()]).encode()).hexdigest()[:16]
 
 
@@ -207,8 +207,8 @@ def dynamic_masks(folder: Path) -> list[Path]:
 
 
 def list_masks(folder: Path) -> list[Path]:
-    """The PNG files of a folder, sorted; none without the folder."""
-    return sorted(folder.glob("*.png"))
+    """The PNG files of a folder, sorted; none without the folder. macOS leaves ._0.png beside 0.png."""
+    return sorted(folder.glob("[!.]*.png"))
 
 
 def labels_folder(format: str, recording: Path) -> Path:
@@ -290,8 +290,8 @@ def other_poses(recording: Path) -> str | None:
     for folder in (recording, *recording.absolute().parents[:2]):
         for name, (key, advice) in OTHER_POSES.items():
             for path in sorted(folder.glob(name)):
-                # Many programs write a metadata.json.
-                if path.is_dir() or key in path.read_bytes():
+                # Many programs write a metadata.json, which may be another user's.
+                if not key or (path.is_file() and os.access(path, os.R_OK) and key in path.read_bytes()):
                     quoted = (shlex.quote(str(one)) for one in (folder, path, path.parent.absolute()))
                     return f"{path}: these poses are not read; {advice.format(*quoted)}"
     return None

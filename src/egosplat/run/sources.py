@@ -17,6 +17,7 @@ from egosplat.calibration.files import (
     KNOWN_POSES,
     PICTURES,
     TRAJECTORIES,
+    adt_video,
     list_pictures,
     other_poses,
     present_known_poses,
@@ -73,6 +74,9 @@ def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
         raise UserError(f"{given}: does not exist. {_TAKES}")
     # Not resolved: a link has the name that suits Snakemake.
     path, suffix = Path(os.path.abspath(given)), given.suffix.lower()
+    if re.search("[\ud800-\udfff]", str(path)):
+        # OpenCV would end the process, and no table could name it.
+        raise UserError(f"{path}: has letters that are not UTF-8; rename it, or give a link to it")
     if path.is_dir() or suffix == ".zip":
         return _read_folder(find_recording(path if path.is_dir() else unpack(path, unpacked)), known_poses)
     if suffix == ".vrs":
@@ -98,18 +102,17 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _has_recording(folder: Path) -> bool:
-    known = present_known_poses(folder, AUTO) or any((folder / name).exists() for name in ADT_VIDEOS)
-    return bool(known or list_pictures(folder))
+    return bool(present_known_poses(folder, AUTO) or adt_video(folder).exists() or list_pictures(folder))
 
 
 def _videos(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _VIDEOS)
+    # macOS leaves ._clip.mp4 beside clip.mp4.
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _VIDEOS and path.name[0] != ".")
 
 
 def _read_folder(folder: Path, known_poses: str) -> Source:
-    for name in ADT_VIDEOS:
-        if (folder / name).exists():
-            return _read_glasses(folder / name)
+    if (video := adt_video(folder)).exists():
+        return _read_glasses(video)
     if not _has_recording(folder):
         others = _videos(folder) or [inner for inner in _folders(folder) if _has_recording(inner)]
         if others:
@@ -142,12 +145,13 @@ def _read_video(path: Path, known_poses: str) -> Source:
         is_video = capture.isOpened() and capture.grab()
     if not is_video:
         open_video(path)  # says why
-        raise UserError(f"{path}: is no video that can be read. {_TAKES}")
     count, rate = int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), capture.get(cv2.CAP_PROP_FPS)
+    if count <= 0:  # a stream, or cut off while it was recorded: only reading it tells
+        times = open_video(path).timestamp_ns
+        count, rate = len(times), 1e9 * len(times) / max(1, int(times[-1]))
     known = find_known_poses(path, known_poses) is not None
-    about = "a video" + (f" of {count} frames" if count > 0 else "") + (" with poses" if known else "")
-    options = {} if known or count <= 0 else {"frames.stride": str(stride_for(count, rate))}
-    return Source("plain", path, about, options)
+    about = f"a video of {count} frames" + (" with poses" if known else "")
+    return Source("plain", path, about, {} if known else {"frames.stride": str(stride_for(count, rate))})
 
 
 def stride_for(count: int, rate: float) -> int:

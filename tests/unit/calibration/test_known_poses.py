@@ -164,10 +164,7 @@ def frame(*rows: list[float], **changes: object) -> list[dict[str, object]]:
         ({"frames": frame(fl_x=70.0)}, "images/1.png: fl_x differs from that of the whole file"),
         ({"frames": frame(transform_matrix_end=POSE)}, "images/1.png: transform_matrix_end is not"),
         ({"frames": frame(mask_path=3)}, "images/1.png: mask_path"),
-        *(
-            ({key: 0.1}, f"{key} is not supported")
-            for key in ("latlong", "ftheta_p0", "k5", "fisheye_crop_radius")
-        ),
+        *(({key: 0.1}, f"{key} is not supported") for key in ("latlong", "ftheta_p0", "k5", "omega")),
         ({"applied_transform": np.zeros((4, 4)).tolist()}, "applied_transform is not a rotation"),
         ({"k1": 0.1, "distortion_params": [0.2, 0, 0, 0, 0, 0]}, "distortion_params differs"),
         ({"camera_model": "FISHEYE624"}, "camera_model: .*OPENCV_FISHEYE"),
@@ -224,11 +221,7 @@ MATCHES = {
         ["a 1.png", "b.jpg", "c.png", "d.0001.png", "e.png"],
         [0, 1, 2, 4, -1],
     ),
-    "two folders with the same name": (
-        ["x/2.png", "x/1.png", "y/1.png"],
-        ["x/1.png", "y/1.png", "x/2.png"],
-        [1, 2, 0],
-    ),
+    "a name twice": (["x/2.png", "x/1.png", "y/1.png"], ["x/1.png", "y/1.png", "x/2.png"], [1, 2, 0]),
     "a folder above": (["images/x/1.png", "/home/me/images/y/1.png"], ["x/1.png", "y/1.png"], [0, 1]),
     "a folder that the file leaves out": (["1.png", "2.png"], ["x/1.png", "y/2.png"], [0, 1]),
     "another folder": (["x/1.png", "y/2.png"], ["x/1.png", "x/2.png"], [0, -1]),

@@ -82,8 +82,7 @@ def test_results_do_not_depend_on_the_number_of_threads(walk_images, estimated):
 def test_a_guessed_focal_length_is_refined(walk_images, true_poses):
     poses = reconstruct(walk_images, GUESS, known=False)
     assert poses.registered.all()
-    assert poses.camera.fx == pytest.approx(CAMERA.fx, rel=0.01)
-    assert poses.camera.fy == pytest.approx(CAMERA.fy, rel=0.01)
+    assert (poses.camera.fx, poses.camera.fy) == pytest.approx((CAMERA.fx, CAMERA.fy), rel=0.01)
     assert (poses.camera.cx, poses.camera.cy) == (GUESS.cx, GUESS.cy)
     assert trajectory_error(poses.camera_to_world, true_poses)["ate_rmse_m"] < 0.01
 
@@ -93,7 +92,6 @@ def test_unrelated_frames_are_left_out_and_reported(walk_images, estimated, true
     poses = reconstruct([noise(1), *walk_images[:5], blank, *walk_images[5:], noise(2)])
     assert np.flatnonzero(~poses.registered).tolist() == [0, 6, 12]
     assert np.isnan(poses.camera_to_world[~poses.registered]).all()
-    assert poses.registered.sum() == 10
     assert trajectory_error(poses.camera_to_world[poses.registered], true_poses)["ate_rmse_m"] < 0.005
 
 
@@ -135,9 +133,7 @@ def test_blank_images_are_rejected_with_their_number_of_features(walk_images):
         reconstruct([*walk_images[:2], *[blank] * 4])
 
 
-def test_too_few_images_are_rejected_and_colmap_leaves_no_temporary_files(
-    walk_images, tmp_path, capfd, monkeypatch
-):
+def test_too_few_images_are_rejected_and_no_file_is_left(walk_images, tmp_path, capfd, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     reconstruct(walk_images[3:7])
     for count in (0, 2):

@@ -1,6 +1,7 @@
 """Small recordings as a user has them."""
 
 import json
+import re
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -33,8 +34,11 @@ def recording(tmp_path: Path) -> Callable[[str], Path]:
 
     def make(kind: str) -> Path:
         home = tmp_path / kind.replace(" ", "_")
-        if kind == "video":
-            return write_video(home / "clip.mp4", grey_frames(3), 30.0)
+        if "video" in kind:
+            path = write_video(home / ("clip.mkv" if "cut off" in kind else "clip.mp4"), grey_frames(3), 30.0)
+            duration = b"\x44\x89\x88"  # which a program that was killed has not written
+            path.write_bytes(re.sub(b"(?s)" + duration + b".{8}", duration + bytes(8), path.read_bytes()))
+            return path
         if kind == "glasses":
             (home / "mps/slam").mkdir(parents=True)
             (home / "mps/slam/closed_loop_trajectory.csv").touch()

@@ -15,6 +15,7 @@ from tests.unit.run.conftest import pack, write_pictures
     "kind, format, about, options",
     [
         ("video", "plain", "a video of 3 frames", {"frames.stride": "1"}),
+        ("video cut off", "plain", "a video of 3 frames", {"frames.stride": "1"}),
         ("folder", "plain", "3 pictures", {}),
         ("nested folder", "plain", "3 pictures", {}),
         ("nerfstudio", "plain", "3 pictures with poses", {}),
@@ -30,7 +31,7 @@ def test_each_kind_of_recording_is_recognized(recording, tmp_path, kind, format,
     assert (found.format, found.about.partition(" (")[0], found.options) == (format, about, options)
     assert found.path.is_absolute() and found.path.exists()
     inside = tmp_path / "results" if "zip" in kind else given.parent if format == "adt" else given
-    assert found.path == given if kind == "video" else found.path.is_relative_to(inside)
+    assert found.path == given if "video" in kind else found.path.is_relative_to(inside)
 
 
 def test_an_archive_is_unpacked_once_and_anew_if_it_changes(recording, tmp_path):
@@ -58,6 +59,8 @@ def zipped(*names: str, content: bytes = b"x") -> bytes:
         ("empty", None, b"", "empty: has no png, jpg or jpeg image"),
         ("photos", "photos/a.heic", b"x", "1 .heic"),
         ("videos", "videos/a.mov", b"x", "give one of them, such as"),
+        ("videos", "videos/._a.mov", b"x", "videos: has no png, jpg or jpeg image"),
+        ("k\udcfc.mp4", "k\udcfc.mp4", b"x", "has letters that are not UTF-8"),
         ("DCIM", "DCIM/100/0.png", b"x", "100, 101; give one"),
         ("notes.txt", "notes.txt", b"no recording", "notes.txt: is no video"),
         ("clip.mp4", "clip.mp4", b"no recording", "clip.mp4: not a video"),
@@ -90,16 +93,13 @@ def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, conte
 @pytest.mark.parametrize(
     "name, told",
     [
-        *(
-            ("transforms_val.json", "cp "),
-            ("metadata.json", "nerfstudio's"),
-            ("poses_bounds.npy", "give a COLMAP"),
-        ),
+        *(("transforms_val.json", "cp "), ("metadata.json", "nerfstudio's"), ("poses_bounds.npy", "give ")),
         *(("sparse/1/cameras.txt", "ln -s "), ("distorted/sparse/0/cameras.bin", "ln -s ")),
     ],
 )
 def test_poses_that_are_not_read_are_told(tmp_path, capsys, name, told):
     write_pictures(folder := tmp_path / "capture/images")
+    (folder / "transforms_gone.json").symlink_to("nowhere")
     (path := folder.parent / name).parent.mkdir(parents=True, exist_ok=True)
     path.write_text('{"poses": [], "frames": []}')
     read_source(folder, tmp_path / "r")
