@@ -1,6 +1,5 @@
-"""Import recordings of Aria Digital Twin (ADT) and other Aria glasses. Of a sequence only ``video.vrs``
-(``recording.vrs`` of other Aria glasses), and ``metadata.json`` for the origin, are read
-(docs/method.md#adt-files)."""
+"""Import recordings of Aria Digital Twin (ADT) and other Aria glasses. Of a sequence only ``video.vrs`` (``recording.vrs`` of other
+Aria glasses), and ``metadata.json`` for the origin, are read (docs/method.md#adt-files)."""
 
 import os
 import re

@@ -20,9 +20,8 @@ _FIELDS = ("instance_id", "instance_name", "category", "motion_type", "instance_
 
 
 def open_annotations(folder: Path, keys: AnnotationKeys) -> Annotations | None:
-    """Open a sequence's segmentation, preferably with people; None without any, UserError if a file is
-    missing or damaged. Maps are read with UserError if they cannot be decoded, or an id is not in
-    ``instances.json``."""
+    """Open a sequence's segmentation, preferably with people; None without any, UserError if a file is missing or damaged. Maps
+    are read with UserError if they cannot be decoded, or an id is not in ``instances.json``."""
     if not folder.is_dir():
         raise UserError(f"{folder}: no such folder. Give the folder of an ADT sequence.")
     if (path := find_segmentation(folder)) is None:

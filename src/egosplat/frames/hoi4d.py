@@ -1,6 +1,5 @@
-"""Import HOI4D recordings (docs/method.md#hoi4d-files), and for evaluation only their motion segmentation. A
-sequence is a folder ``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. Masks of hands and handled objects are RGB
-images, 15 per second, with the colors of PASCAL VOC."""
+"""Import HOI4D recordings (docs/method.md#hoi4d-files), and for evaluation only their motion segmentation. A sequence is a folder
+``ZY…/H…/C…/N…/S…/s…/T…`` of the dataset. Masks of hands and handled objects are RGB images, 15 per second, in PASCAL VOC's colors."""
 
 from pathlib import Path
 
@@ -57,9 +56,8 @@ _MAX_UNKNOWN_SHARE = 0.01
 
 
 def open_recording(path: Path, options: FramesOptions) -> Recording:
-    """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root
-    folder. UserError if the sequence, its video or its intrinsics are missing, damaged or too small, or no
-    frame is selected."""
+    """Open the video and select frames; ``path`` is the folder, or the name with underscores in the root folder. UserError if the
+    sequence, its video or its intrinsics are missing, damaged or too small, or no frame is selected."""
     folder = find_sequence(path)
     video = open_video(folder / HOI4D_VIDEO)
     (width, height), resolution = video.size, options.resolution

@@ -12,7 +12,7 @@ from shlex import quote
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageOps
+from PIL import Image
 
 from egosplat.calibration.files import DYNAMIC_MASK, OTHER_PICTURES, dynamic_masks, list_pictures
 from egosplat.calibration.lens import Lens, shared_pinhole
@@ -27,6 +27,8 @@ INTERVAL_NS = 1_000_000_000
 _MOST_PIXELS, Image.MAX_IMAGE_PIXELS = 2**28, None
 _EIGHT_BIT = ("1", "L", "LA", "P", "PA", "RGB", "RGBA", "CMYK", "YCbCr")
 _ORIENTATION_TAG, _TRANSPOSED = 0x0112, (5, 6, 7, 8)
+# Of orientations 2 to 8: mirror, 180 degrees, upside down, transpose, 270 degrees, transverse, 90 degrees.
+_TURNS = dict(zip(range(2, 9), map(Image.Transpose, (0, 3, 1, 5, 4, 6, 2)), strict=True))
 # Compression leaves gray values where a mask is black.
 _BLACK_OF_JPEG = 127
 
@@ -175,7 +177,9 @@ def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray
     with open_image(path) as image:
         if image.mode not in _EIGHT_BIT:
             raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
-        upright = ImageOps.exif_transpose(image) if turned else image
+        # Not by ``ImageOps.exif_transpose``, which writes the EXIF anew, and fails where a tag is damaged.
+        turn = _TURNS.get(image.getexif().get(_ORIENTATION_TAG)) if turned else None
+        upright = image if turn is None else image.transpose(turn)
         return np.array(upright.convert("RGBA" if alpha else "RGB"))
 
 
