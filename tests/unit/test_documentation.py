@@ -120,7 +120,7 @@ def test_an_index_links_every_page_of_its_folder(index):
 def test_the_architecture_lists_the_stages_of_the_pipeline():
     text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| `(\w+)` \| [^|]* \| `(\w+)[./]", text, re.MULTILINE)
-    of_others = {"tiles", "prompts"}
+    of_others = {"tiles"}
     made = [name for name in STAGES if name in (*PIPELINE, *of_others)]
     assert [stage for stage, _ in rows] == made
     assert [artifact for _, artifact in rows] == ["recording", *made[1:]]
