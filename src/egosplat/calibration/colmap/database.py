@@ -1,5 +1,6 @@
 """COLMAP's first step: images on disk, their shared camera, and SIFT features in the database."""
 
+import errno
 import shutil
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
@@ -54,16 +55,15 @@ class Project:
         self.images.mkdir()
 
     def check_free_space(self) -> None:
-        """Raise UserError unless the disk has room for the next batch."""
-        # COLMAP aborts the whole process if SQLite cannot write.
+        """Raise OSError unless the disk has room for the next batch."""
+        # COLMAP aborts the whole process if SQLite cannot write. No UserError: nothing is wrong with the frames.
         if (free := shutil.disk_usage(self.folder).free) < _MIN_FREE_BYTES:
-            raise UserError(
-                f"{self.folder.parent}: {free >> 20} MiB are free, and COLMAP needs {_MIN_FREE_BYTES >> 20} "
-                "for its next step: free some, or set TMPDIR to a folder on a larger disk"
-            )
+            wants = f"{free >> 20} MiB are free, and COLMAP needs {_MIN_FREE_BYTES >> 20} for its next step"
+            elsewhere = f"{wants}; TMPDIR may name a folder on a larger disk"
+            raise OSError(errno.ENOSPC, elsewhere, str(self.folder.parent))
 
     def in_batches(self, items: Sequence[Item], size: int, what: str, unit: str) -> Iterator[Sequence[Item]]:
-        """Yield ``items`` in slices of ``size``; show progress in items. UserError before one for which the disk is full."""
+        """Yield ``items`` in slices of ``size``; show progress in items. OSError before one for which the disk is full."""
         for index, _ in enumerate(track(items, what, unit=unit)):
             if index % size == 0:
                 self.check_free_space()
@@ -158,4 +158,4 @@ def _shrunk(shown: NDArray[np.bool_]) -> NDArray[np.uint8]:
 def _write_png(path: Path, image: cv2.typing.MatLike) -> None:
     # Low compression: the file is read once and deleted.
     if not cv2.imwrite(str(path), image, [cv2.IMWRITE_PNG_COMPRESSION, 1]):
-        raise UserError(f"{path}: cannot be written. Is the disk of the temporary folder full?")
+        raise OSError(errno.ENOSPC, "cannot be written", str(path))

@@ -45,7 +45,7 @@ Evidence = dict[str, Any]
 def lens_of_frames(
     read: ReadFrames, count: int, valid: NDArray[np.bool_], camera: Camera, shown: ShownIn | None = None
 ) -> Lens | None:
-    """The lens that frames are rectified from, if they ask for it; None if they do not.
+    """The lens that frames are rectified from, if they ask for it; None if they do not (OSError: the disk is full).
 
     ``read`` yields the (H, W, 3) uint8 frames of increasing indices, of ``count``; ``valid`` and ``shown(index)`` are the (H, W) bool
     pixels that show the scene in all and in each; ``camera`` is a guess.

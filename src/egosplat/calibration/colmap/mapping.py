@@ -50,7 +50,7 @@ def reconstruct(
         poses: (N, 4, 4) camera_to_world of all images; each makes one model, with these poses and triangulated points.
 
     Returns the models with enough points (images without common views end in different ones, or in none) and numbers for the notes.
-    UserError if there are too few images or features (``TooFewError``), the disk is full, or, without poses, the camera stands still.
+    UserError: too few images or features (``TooFewError``), or, without poses, a camera that stands still. OSError: a full disk.
     """
     threads = threads or len(os.sched_getaffinity(0))
     with scratch_directory(prefix) as folder:
