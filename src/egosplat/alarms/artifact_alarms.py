@@ -14,7 +14,7 @@ from egosplat.artifacts.lineage import lineage
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.models.suitability import notice_of_artifacts
-from egosplat.pipeline.config import section_keys
+from egosplat.pipeline.config import section_keys, stage_sections
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
 
@@ -48,9 +48,8 @@ def find_chance_alarm(score: Mapping[str, Any]) -> list[Alarm]:
     """An alarm if the accuracy's lower bound is not above the best answer that ignores the scene; from a group of scores."""
     lowest = score["accuracy_interval"] and score["accuracy_interval"][0]
     chance = max(score["random_pixel"], score["middle_pixel"])
-    if lowest is None or lowest > chance:
-        return []
-    return [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
+    is_above = lowest is None or lowest > chance
+    return [] if is_above else [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
 
 
 def _made_with(row: AlarmRow, artifact: Artifact) -> Figures:
@@ -59,9 +58,10 @@ def _made_with(row: AlarmRow, artifact: Artifact) -> Figures:
 
     def given(key: str) -> Any:
         section, name = key.split(".")
-        places = (found.get(f"{section}.zarr", artifact), *found.values())
-        made = (place.provenance["options"] for place in places)
-        return next((options[name] for options in made if name in options), _default(key))
+        # Several stages have a key of one name.
+        made = (one.provenance for one in (artifact, *found.values()))
+        has = (one["options"] for one in made if name in stage_sections(one["stage"]).get(section, ()))
+        return next((options[name] for options in has if name in options), _default(key))
 
     causes = ", ".join(f"{key} {given(key)}" for key in row.causes if given(key) != _default(key))
     advice = CONDITION.sub(

@@ -15,19 +15,14 @@ from tests.support.scenes import put
 
 FIGURES = {"pixels_without_instance": 0.6, "instances_per_frame": 2.0, "frames_per_instance": 2.0}
 
+NOTES = {"reprojection_error_px": 1.5, "models": [8, 2], "parallax_deg": 0.4, "points": 100}
+NOTES["seam"] = {"after": 4, "share": 0.1}
+
 SUSPICIOUS = {
     "frames": ({"valid": np.arange(10) < 4, "train": np.ones(8, bool)}, {}, ["frames.valid_pixels"]),
     "poses": (
         {"registered": np.arange(10) < 8},
-        {
-            "notes": {
-                "reprojection_error_px": 1.5,
-                "models": [8, 2],
-                "parallax_deg": 0.4,
-                "points": 100,
-                "seam": {"after": 4, "share": 0.1},
-            }
-        },
+        {"notes": NOTES},
         [f"poses.{name}" for name in ("registered", "reprojection", "parallax", "points", "models", "seam")],
     ),
     "transient": ({}, {"mean_probability": 0.47}, ["transient.probability"]),
@@ -122,9 +117,16 @@ def test_a_smaller_stride_is_advised_where_there_is_one(tmp_path, stride):
 def test_other_models_are_advised_where_they_do_not_serve(tmp_path, weights, told):
     figures = FIGURES | {"frames_per_instance": 9.0}
     for alarm in alarms_of(written(tmp_path, "segments", {}, figures, options={"sam2_checkpoint": weights})):
-        assert ("models.set" in alarm_line(alarm)) == told and "raise segments.points_per_side" in alarm_line(
-            alarm
-        )
+        line = alarm_line(alarm)
+        assert ("models.set" in line) == told and "raise segments.points_per_side" in line
+
+
+def test_an_alarm_tells_no_key_of_the_same_name_of_another_stage(tmp_path):
+    """Masks are merged on temporary Gaussians: instances and splats both have iterations and a source."""
+    arrays, facts, _ = SUSPICIOUS["instances"]
+    options = {"iterations": 1000, "source": "auto"}
+    for alarm in alarms_of(written(tmp_path, "instances", dict(arrays), facts, options=options)):
+        assert "Made with" not in alarm_line(alarm) and "; raise splats.iterations" in alarm_line(alarm)
 
 
 def test_models_of_colmap_are_named_with_their_frames(tmp_path):

@@ -79,10 +79,8 @@ def test_an_advice_names_the_presets_that_set_what_caused_its_alarm_and_no_other
             value = read_yaml(path).get(section, {}).get(name, default)
             raised = isinstance(value, int) and isinstance(default, int) and value >= default
             named = re.search(rf"presets?[ a-z]* {path.stem}\b", TABLE[alarm].advice)
-            assert bool(named) == (value != default and not raised) or len(TABLE[alarm].causes) > 1, (
-                key,
-                path.stem,
-            )
+            is_right = bool(named) == (value != default and not raised)
+            assert is_right or len(TABLE[alarm].causes) > 1, (key, path.stem)
 
 
 @pytest.mark.parametrize("key", [key for key in SHOWN if key != "poses.models"])
