@@ -108,6 +108,7 @@ def open_video(folder: Path) -> VrsDataProvider:
 
 def open_vrs(path: Path, create: Callable[[], Read | None]) -> Read:
     """Open a VRS file by a function of projectaria-tools; UserError if it is damaged or truncated."""
+    path.open("rb").close()  # a library does not tell that it may not read a file
     provider = read_checked(path, "", create, _TRUNCATED)
     if provider is None:
         raise UserError(f"{path}: not a VRS file. Download it again.")

@@ -169,7 +169,7 @@ def open_image(path: Path) -> Iterator[Image.Image]:
                 raise UserError(f"{path}: is larger than {_MOST_PIXELS:,} pixels. Shrink it: {shrink}")
             yield image
     except (OSError, ValueError, SyntaxError) as error:
-        raise UserError(f"{path}: not a readable image ({error}).") from error
+        raise UserError(f"{path}: not a readable image ({error}). Copy it again, or remove it.") from error
 
 
 def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray[np.uint8]:

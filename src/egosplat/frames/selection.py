@@ -37,11 +37,10 @@ def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, sourc
 def split_frames(
     count: int, options: FramesOptions, annotated: bool, labeled: NDArray[np.int64] | None = None
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Choose the middle frame of each of ``evaluation_frames`` equal parts of the recording for evaluation.
-    ``annotated``: without annotations there is no query to score, so that auto lets every frame train.
-    ``labeled``: the frames that alone may be chosen, increasing: parts are then of these; None if all may.
-    Returns two (count,) bool arrays, training and evaluation frames; UserError if there are too few frames
-    for the split."""
+    """Choose the middle frame of each of ``evaluation_frames`` equal parts of the recording for evaluation. ``annotated``: without
+    annotations there is no query to score, so that auto lets every frame train. ``labeled``: the frames that alone may be chosen,
+    increasing: parts are then of these; None if all may. Returns two (count,) bool arrays, training and evaluation frames;
+    UserError if there are too few frames for the split."""
     if count < _MIN_TRAINING_FRAMES:
         more = "add pictures, or take more of them (frames.stride, frames.start_s, frames.end_s)"
         raise UserError(f"{count} frame is read, and training needs {_MIN_TRAINING_FRAMES} or more: {more}.")

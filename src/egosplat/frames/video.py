@@ -36,7 +36,8 @@ class Video(Source):
                     position += 1
                 decoded, image = capture.retrieve() if position == frame else (False, None)
             if not decoded or image is None:
-                raise UserError(f"{self.path}: frame {frame} cannot be decoded{_reason(messages)}.")
+                told = f"{self.path}: frame {frame} cannot be decoded{_reason(messages)}"
+                raise UserError(f"{told}. Exclude it with frames.start_s and frames.end_s.")
             yield np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
@@ -82,9 +83,8 @@ def open_video(path: Path) -> Video:
 
 
 def open_source(path: Path, known_poses: str | None, *, turned: bool | None = None) -> Source:
-    """Open a video file or an image folder; UserError if it cannot be read, or pictures without known poses
-    differ in size. EXIF orientation is applied, unless ``turned`` says otherwise, without known poses alone:
-    their tools do not turn pictures."""
+    """Open a video file or an image folder; UserError if it cannot be read, or pictures without known poses differ in size. EXIF
+    orientation is applied, unless ``turned`` says otherwise, without known poses alone: their tools do not turn pictures."""
     if not path.is_dir():
         return open_video(path)
     turned = known_poses is None if turned is None else turned
@@ -98,9 +98,8 @@ def open_source(path: Path, known_poses: str | None, *, turned: bool | None = No
 
 
 def rebuild_times(milliseconds: NDArray[np.float64], declared: float) -> tuple[NDArray[np.float64], float]:
-    """Even times [ms] of frames whose own do not increase, as in AVI with B-frames, raw streams and joined
-    files. Returns the frames a second, too: by the median of the steps that go forward, else as ``declared``
-    by the header."""
+    """Even times [ms] of frames whose own do not increase, as in AVI with B-frames, raw streams and joined files. Returns the
+    frames a second, too: by the median of the steps that go forward, else as ``declared`` by the header."""
     steps = np.diff(milliseconds)
     forward = steps[steps > 0]
     step = float(np.median(forward)) if len(forward) else 1e3 / (declared if declared > 0 else _ASSUMED_RATE)
@@ -110,6 +109,7 @@ def rebuild_times(milliseconds: NDArray[np.float64], declared: float) -> tuple[N
 def _open(path: Path) -> cv2.VideoCapture:
     if not path.is_file():
         raise UserError(f"{path}: not found. Check the path.")
+    path.open("rb").close()  # a library does not tell that it may not read a file
     if not path.stat().st_size:
         raise UserError(f"{path}: an empty file (0 bytes). Copy it again.")
     with captured_log() as messages:

@@ -43,9 +43,8 @@ def known(monkeypatch):
 
 
 def made(inputs=None) -> Provenance:
-    return Provenance(
-        "tiny", {"k": 3}, "real", inputs or {}, {}, "c0de", {}, "2020-01-01", time.perf_counter(), 0.0
-    )
+    clocks = "2020-01-01", time.perf_counter(), 0.0
+    return Provenance("tiny", {"k": 3}, "real", inputs or {}, {}, "c0de", {}, *clocks)
 
 
 def write(path: Path, points: int = 5, inputs=None, seed: int = 0) -> dict[str, np.ndarray]:
@@ -276,9 +275,8 @@ with create(Path(sys.argv[1]), FRAMES, begin("frames", {}, "real")) as artifact:
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
 def test_a_killed_writer_leaves_no_artifact_and_the_next_removes_its_scratch(tmp_path, how):
     path = tmp_path / "a.zarr"
-    process = subprocess.Popen(
-        [sys.executable, "-c", KILLED, path], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
-    )
+    words = [sys.executable, "-c", KILLED, path]
+    process = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL)
     assert process.stdout.readline() == b"writing\n"
     write(path)  # the living writer's folder is left alone
     assert any(name.endswith(".tmp") for name in leftovers(tmp_path))

@@ -1,6 +1,7 @@
 """Videos as cameras and other programs write them: times out of order, codecs without a decoder, files cut off."""
 
 import shlex
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -66,12 +67,15 @@ def test_the_step_is_the_one_between_frames_else_the_declared_one(read, declared
         ("half.mp4", lambda content: content[: len(content) // 2], "incomplete.*Copy it again"),
     ],
 )
-def test_a_video_that_cannot_be_read_is_named_with_what_helps(source, name, change, problem):
+def test_a_video_that_cannot_be_read_is_named_with_what_helps(source, name, change, problem, monkeypatch):
     path = source.with_name(name)
     path.write_bytes(change(source.read_bytes()))
     with pytest.raises(UserError, match=f"{name}: .*{problem}") as caught:
         open_video(path)
     assert "0x" not in str(caught.value) and "\n" not in str(caught.value)
+    monkeypatch.setattr(Path, "open", lambda path, _: path.with_name("gone").stat())
+    with pytest.raises(FileNotFoundError):  # what the system refuses
+        open_video(source)
 
 
 def test_pixels_that_are_not_square_are_refused_with_the_command_that_makes_them(source):

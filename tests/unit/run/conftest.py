@@ -44,9 +44,8 @@ def recording(tmp_path: Path) -> Callable[[str], Path]:
             (home / "mps/slam/closed_loop_trajectory.csv").touch()
             (home / "video.vrs").touch()
             return home / "video.vrs"
-        below = (
-            "in/side" if "nested" in kind else "images" if kind in ("nerfstudio", "zip of Windows") else ""
-        )
+        images = "images" if kind in ("nerfstudio", "zip of Windows") else ""
+        below = "in/side" if "nested" in kind else images
         write_pictures(home / below)
         if kind in ("nerfstudio", "zip of Windows"):
             frames = [{"file_path": f"images/{number}.png"} for number in range(3)]

@@ -17,9 +17,8 @@ from egosplat.run.jobs import Job, default_results, results_by_survey
 from tests.support import PRESETS
 from tests.unit.pipeline.test_dag import survey
 
-CONFIG = resolve(
-    {"variants": {"v": {"features": {"dims": 4}}, "still": {"splats": {"masking": "none"}}}}, PRESETS
-)
+VARIANTS = {"v": {"features": {"dims": 4}}, "still": {"splats": {"masking": "none"}}}
+CONFIG = resolve({"variants": VARIANTS}, PRESETS)
 
 
 @pytest.fixture
