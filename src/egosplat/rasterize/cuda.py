@@ -78,7 +78,8 @@ def _alone_if_compiling() -> Iterator[None]:
     folder = os.environ.get("TORCH_EXTENSIONS_DIR") or cpp_extension.get_default_build_root()
     Path(folder).mkdir(parents=True, exist_ok=True)
     with (Path(folder) / "egosplat_gsplat.lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        with contextlib.suppress(OSError):  # some network file systems have no locks
+            fcntl.flock(lock, fcntl.LOCK_EX)
         # gsplat's own default is 10 compilers, whatever the memory.
         os.environ.setdefault("MAX_JOBS", str(_compilers()))
         yield

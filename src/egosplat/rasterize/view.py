@@ -83,8 +83,7 @@ def sum_over_pixels(view: View, image: Tensor) -> Tensor:
     """Sum an (H, W, X) image over each Gaussian's compositing weights, (N, X): the transposed map of
     ``composite``. The backend cpu renders no image for it; the others take the gradient of one. Not
     differentiable. ValueError: the image has another size, dtype or device than the view."""
-    kind = (view.means.dtype, view.means.device)
-    size = (view.height, view.width)
+    kind, size = (view.means.dtype, view.means.device), (view.height, view.width)
     if image.ndim != 3 or image.shape[:2] != size or (image.dtype, image.device) != kind:
         raise ValueError(
             f"image is {tuple(image.shape)} {image.dtype} on {image.device}; {size} and channels like means is needed"

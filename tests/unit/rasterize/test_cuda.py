@@ -84,9 +84,8 @@ def scene(sh: bool, dtype: torch.dtype, device: str = "cpu") -> dict[str, Tensor
 def gradients(image: Tensor, alpha: Tensor, inputs: dict[str, Tensor]) -> dict[str, Tensor]:
     leaves = {name: each for name, each in inputs.items() if each.requires_grad}
     loss = image.square().sum() + alpha.sum()
-    return dict(
-        zip(leaves, torch.autograd.grad(loss, list(leaves.values()), materialize_grads=True), strict=True)
-    )
+    found = torch.autograd.grad(loss, [*leaves.values()], materialize_grads=True)
+    return dict(zip(leaves, found, strict=True))
 
 
 MODES = [
@@ -115,8 +114,7 @@ def test_gsplat_gets_arguments_for_the_same_image(sh, render_mode, rasterize_mod
     expected, expected_alpha, expected_meta = reference.rasterization(Arguments(**arguments))
     torch.testing.assert_close(image, expected)
     torch.testing.assert_close(alpha, expected_alpha)
-    assert meta.keys() == expected_meta.keys()
-    assert torch.equal(meta["radii"], expected_meta["radii"])
+    assert meta.keys() == expected_meta.keys() and torch.equal(meta["radii"], expected_meta["radii"])
     found = gradients(image, alpha, inputs)
     for name, gradient in gradients(expected, expected_alpha, inputs).items():
         torch.testing.assert_close(found[name], gradient, msg=name)
@@ -154,8 +152,7 @@ def installed(monkeypatch):
 
 @pytest.mark.parametrize("version", ["1.5.3", "1.5.4", "1.5.3+pt24cu124", "1.5.10rc1"])
 def test_a_supported_gsplat_is_loaded(installed, version):
-    double = installed(version, object())
-    assert cuda.load_gsplat() is double
+    assert installed(version, object()) is cuda.load_gsplat()
 
 
 @pytest.mark.parametrize(
@@ -191,7 +188,7 @@ def test_gsplat_is_compiled_by_one_process_with_few_compilers(monkeypatch, tmp_p
     monkeypatch.delitem(sys.modules, "gsplat.cuda._backend", raising=False)
     monkeypatch.setenv("TORCH_EXTENSIONS_DIR", str(tmp_path / "new"))
     monkeypatch.setenv("SLURM_MEM_PER_NODE", "2100")
-    monkeypatch.setenv("MAX_JOBS", "")
+    monkeypatch.setenv("MAX_JOBS", "")  # so that it is absent again afterwards
     monkeypatch.delenv("MAX_JOBS")
     with cuda._alone_if_compiling():
         assert os.environ["MAX_JOBS"] == "1"
@@ -199,6 +196,9 @@ def test_gsplat_is_compiled_by_one_process_with_few_compilers(monkeypatch, tmp_p
             fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
     with (tmp_path / "new" / "egosplat_gsplat.lock").open() as other:
         fcntl.flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    monkeypatch.setattr(fcntl, "flock", lambda *_: os.stat("a file system without locks"))
+    with cuda._alone_if_compiling():
+        assert os.environ["MAX_JOBS"] == "1"
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device")
