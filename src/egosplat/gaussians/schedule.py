@@ -54,7 +54,7 @@ class Schedule:
         """Whether opacities are reset after this iteration (3DGS: 3,000, 6,000, 9,000 and 12,000)."""
         if self.reset_every is None:
             return False
-        if self.reset_at_start and iteration == self.densify_from > 0:
+        if self.reset_at_start and 0 < iteration == self.densify_from < self.densify_until:
             return True
         # A reset needs one whole interval of density control after it, in which Gaussians recover or are pruned.
         last = self.densify_until - self.reset_every
