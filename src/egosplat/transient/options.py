@@ -80,7 +80,7 @@ class TransientOptions(RecipeOptions, CameraOptions, SeedOptions, BackendOptions
         return (
             f"transient.lr {self.lr:g} x {trained} iterations = {self.lr * trained:.2g}. Below {LEAST_REACH} the network "
             "stays near its start: static pixels keep a probability of up to 0.5, and a lower masks.threshold masks every "
-            f"tracked instance. Set transient.lr to {1 / max(trained, 1):.2g} or more"
+            f"tracked instance. {f'Set transient.lr to {1 / trained:.2g} or more' if trained else 'Lower transient.warmup'}"
         )
 
 

@@ -22,10 +22,9 @@ def test_the_loss_uses_valid_pixels_only(views):
     assert float(objective.loss(image, masked, 0)) == 0.0 < float(objective.loss(image, views, 0))
 
 
-@pytest.mark.parametrize(
-    ("offset", "rises"), [(0.1, False), (0.5, True)], ids=["e < transient_penalty", "e > transient_penalty"]
-)
+@pytest.mark.parametrize(("offset", "rises"), [(0.1, False), (0.5, True)])
 def test_probability_follows_the_residual(views, offset, rises):
+    """A pixel moves if its squared difference, of the offset, is above transient_penalty."""
     objective = make_objective()
     take_steps(objective, views, 12, offset)
     first, last = objective.mean_probability(list(range(1, 13)))[[0, -1]]
@@ -33,6 +32,7 @@ def test_probability_follows_the_residual(views, offset, rises):
 
 
 def test_the_notice_of_a_rate_that_leaves_the_network_at_its_start_names_one_that_does_not(views):
+    assert "Lower transient.warmup" in OPTIONS.change(warmup=1).stays_at_start()
     told = OPTIONS.change(iterations=40, lr=1e-5).stays_at_start()
     rate = float(told.partition("transient.lr to ")[2].split()[0])
     for lr, least, most in ((1e-5, 0.4, 0.6), (rate, 0.0, 0.02)):
