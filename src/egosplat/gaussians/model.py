@@ -38,7 +38,7 @@ class Gaussians:
             "log_scales": (n, 3),
             "logit_opacities": (n,),
             "sh": (n, coefficients, 3),
-            "features": (n, self.features.shape[-1]),
+            "features": (n, *self.features.shape[-1:]),
         }
         for name, tensor in self.parameters().items():
             if tuple(tensor.shape) != wanted[name]:

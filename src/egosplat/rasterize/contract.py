@@ -104,7 +104,7 @@ def check(arguments: Arguments) -> None:
     _check_shape("opacities", a.opacities, (n,))
     channels = _color_channels(a.colors, n, a.sh_degree)
     if a.features is not None:
-        _check_shape("features", a.features, (n, a.features.shape[-1]))
+        _check_shape("features", a.features, (n, *a.features.shape[-1:]))
         channels += a.features.shape[-1]
     if channels == 0:
         raise ValueError("colors and features hold no channel")

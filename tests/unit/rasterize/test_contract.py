@@ -47,7 +47,7 @@ def test_valid_shapes_are_accepted(accepted):
     ("refused", "words"),
     [
         ({"means": torch.zeros(4, 2)}, r"means has shape \(4, 2\), not \(4, 3\)"),
-        ({"means": torch.tensor(1.0)}, r"means has shape \(\)"),
+        *(({name: torch.tensor(1.0)}, rf"{name} has shape \(\)") for name in ("means", "features")),
         ({"quats": torch.zeros(4, 3)}, r"quats has shape \(4, 3\), not \(4, 4\)"),
         ({"scales": torch.zeros(5, 3)}, r"scales has shape \(5, 3\)"),
         ({"opacities": torch.zeros(4, 1)}, r"opacities has shape \(4, 1\)"),
