@@ -16,7 +16,7 @@ from egosplat.errors import UserError
 from egosplat.geometry import Camera
 from egosplat.images import resize_mask, shrink_image, shrunk_size
 
-# Memory for the rows of one array [bytes]: 1,900 pictures of 512 x 512 pixels, or 270 of 1408 x 1408.
+# Memory for the rows of one array [bytes]: 2,000 pictures of 512 x 512 pixels, or 270 of 1408 x 1408.
 IN_MEMORY = 1_610_612_736
 
 
@@ -53,7 +53,7 @@ class Views:
         transient: (V, H, W) bool, or float16 in [0, 1], like ``pictures``: the paper's M; None if nothing is masked.
         device: device of ``picture``, ``valid`` and ``weight``.
         log_gain: (V, 3) natural logarithm of the gains that a render gets before it is compared; None for 0.
-        compression: (1,) of highlights by the camera, see ``egosplat.gaussians.exposure.exposed``; None for 0.
+        compression: (1,) of highlights by the camera, see ``egosplat.gaussians.exposure.expose``; None for 0.
         near: tells of (P, 3) points, (P,) bool, whether Gaussians should start there, and not only a few; None for all.
     """
 

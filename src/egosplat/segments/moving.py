@@ -30,7 +30,7 @@ def track_moving(
     track ends in frames in which its mean probability is low, and it takes more to keep a track than to start
     one: its mean probability over all its pixels in the ``training`` frames, of which the key
     frames are prompted. ``probability``: returns the (H, W) probability in 0..1 that a
-    frame's pixels move; not finite counts as 0."""
+    frame's pixels move."""
 
     def moves(frame: int) -> NDArray[np.float32]:
         return np.where(video.shown(frame), probability(frame).astype(np.float32), np.float32(0))
