@@ -15,6 +15,7 @@ from pydantic_core import ErrorDetails
 
 from egosplat.errors import UserError
 from egosplat.pipeline.general_options import SHIPPED, GeneralOptions
+from egosplat.pipeline.home import find_preset
 from egosplat.pipeline.messages import not_allowed, refusal, shorten, shown, unknown_key
 from egosplat.pipeline.model_sets import AUTO, DEFAULTS
 from egosplat.pipeline.options import Options, keys_of, sections_of
@@ -172,10 +173,9 @@ def defaults() -> LayeredConfig:
 
 def resolve(user: Mapping[str, Any], presets: Path) -> LayeredConfig:
     """Get the configuration before a scene is chosen: its layers are the preset, a file in ``presets``, the protocols, and the
-    user's keys from files and the command line (UserError: names the first wrong key).
-    """
+    user's keys from files and the command line (UserError: names the first wrong key)."""
     asked = Layer("configuration", user)
-    path = presets / f"{configure([SHIPPED_LAYER, asked])['preset']}.yaml"
+    path = find_preset(presets, configure([SHIPPED_LAYER, asked])["preset"])
     config = configure([Layer(f"preset {path.name}", read_yaml(path)), SHIPPED_LAYER, asked])
     # A format that no scene of the table has is checked, too.
     for format in user.get("formats", {}):

@@ -48,8 +48,7 @@ def request(
     stage: str, config: Config, inputs: Iterable[str], attempt: int, chunk: bool = False
 ) -> dict[str, int]:
     """Get what to request, attempt n, from 1, n times as much: ``mem_mb``, a multiple of 100 [MB], and ``runtime``, a day at most
-    [min]. Raises as ``gigapixels``.
-    """
+    [min]. Raises as ``gigapixels``."""
     _, _, base_min, slope_min = STAGES[stage].request
     values, size = stage_values(stage, config), gigapixels(stage, config, inputs, chunk)
     devices = gpus(stage, config)

@@ -8,9 +8,7 @@ from egosplat.pipeline.config import Config, merge, stage_sections, stage_values
 from egosplat.pipeline.stages import STAGES
 from egosplat.pipeline.survey_file import Survey, digest_of, frames_of_gaussians
 
-AUTO = "auto"
-
-ALL_FRAMES = "all"
+AUTO, ALL_FRAMES = "auto", "all"
 
 # Keys of the section camera that the survey can decide; survey.json has its decisions under the same names.
 CAMERA = ("refine_poses", "compensate_exposure")

@@ -55,6 +55,12 @@ PRESET_NAMES = sorted(
 )
 
 
+def find_preset(folder: Path, name: str) -> Path:
+    """Find the file of a preset in a folder, which may have one of its own, else as it comes with egosplat."""
+    own = folder / f"{name}.yaml"
+    return own if own.exists() else _HOME / PRESETS / own.name
+
+
 def how_to_reinstall() -> str:
     """Get the command that compiles the C++ code again."""
     if not _SHIPPED.is_dir():

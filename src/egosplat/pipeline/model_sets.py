@@ -120,9 +120,7 @@ def locate_checkpoints(config: Mapping[str, Any]) -> dict[str, Any]:
         files = {model.architecture: model.file for model in CATALOGUE if model.library == library}
         file = files.get(architecture.removesuffix(".yaml").rpartition("/")[2])
         if file is None:
-            raise UserError(
-                f"{key} = published: egosplat's catalogue has no checkpoint of {architecture!r}. "
-                f"Set {key} to a file, or take an architecture of {', '.join(files)}"
-            )
+            advice = f"Set {key} to a file, or take an architecture of {', '.join(files)}"
+            raise UserError(f"{key} = published: the catalogue has no {architecture!r}. {advice}")
         located[section] = located[section] | {name: str(Path(models["cache"]) / file)}
     return located

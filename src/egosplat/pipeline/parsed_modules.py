@@ -24,8 +24,7 @@ _OWN = Path(__file__).read_bytes()
 
 class ParsedModule(NamedTuple):
     """A module's part of a code hash: a hash of its syntax tree without comments, layout, docstrings, the words of messages
-    and the keys of options, and the names of the modules that it imports, and of the objects that it imports from them.
-    """
+    and the keys of options, and the names of the modules that it imports, and of the objects that it imports from them."""
 
     tree_hash: str
     imports: tuple[str, ...]

@@ -21,7 +21,7 @@ from egosplat.pipeline.config import (
 )
 from egosplat.pipeline.dag import inputs_of
 from egosplat.pipeline.general_options import GeneralOptions
-from egosplat.pipeline.home import PRESET_NAMES
+from egosplat.pipeline.home import PRESET_NAMES, find_preset
 from egosplat.pipeline.model_sets import DEFAULTS, PUBLISHED, locate_checkpoints
 from egosplat.pipeline.scenes import Scene, read_scenes
 from egosplat.pipeline.stages import STAGES
@@ -178,7 +178,7 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
 @functools.cache
 def preset_keys(name: str, folder: Path, format: str, models: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
-    files = {file: read_yaml(folder / f"{file}.yaml") for file in PRESET_FILES.values()}
+    files = {file: read_yaml(find_preset(folder, file)) for file in PRESET_FILES.values()}
     kept = _KEPT | {"frames.resolution"} if name == "paper_scaled" else _KEPT
     preset, usual = Layer(name, files[PRESET_FILES[name]]), configure([SHIPPED_LAYER], models)
     values = merge_layers(layers_of_format([preset, SHIPPED_LAYER], format))

@@ -37,9 +37,8 @@ def test_the_record_and_the_function_of_a_stage_name_the_same_paths_and_options(
     about, named = STAGES[stage], inspect.signature(import_module(STAGES[stage].module).run).parameters
     chunks = {"chunk": None, "gather": ()} if about.by_chunks else {}
     assert chunks == {name: named[name].default for name in ("chunk", "gather") if name in named}
-    others = {
-        name for name, one in named.items() if one.kind == inspect.Parameter.VAR_KEYWORD
-    }  # opened by name
+    opened_by_name = inspect.Parameter.VAR_KEYWORD
+    others = {name for name, one in named.items() if one.kind == opened_by_name}
     arguments = {name: one for name, one in named.items() if name not in {*chunks, *others}}
     options = config.stage_options(stage)
     if stage.endswith("_sheet") and "title" not in named:  # the decorator ``sheet`` opens the artifacts
@@ -77,7 +76,7 @@ def test_only_options_have_a_base_whose_name_ends_with_options():
         assert issubclass(getattr(import_module(name), node.name), Options), (name, node.name)
 
 
-def test_the_presets_are_allowed_and_all_but_the_paper_film_the_same_apartment():
+def test_the_presets_are_allowed_and_all_but_the_paper_film_the_same_apartment(tmp_path):
     assert sorted(LADDER) == sorted(path.stem for path in PRESETS.glob("*.yaml"))
     for preset in LADDER:
         resolved = config.resolve({"preset": preset}, PRESETS)
@@ -85,6 +84,9 @@ def test_the_presets_are_allowed_and_all_but_the_paper_film_the_same_apartment()
             assert resolved[section].items() >= keys.items()
         film = config.defaults()["synthetic"]
         assert resolved["synthetic"] == film if preset != "paper" else resolved["synthetic"]["size"] == 1408
+    (tmp_path / "draft.yaml").write_text("frames: {stride: 7}")  # beside those that come with egosplat
+    found = {name: config.resolve({"preset": name}, tmp_path)["frames"] for name in ("draft", "quick")}
+    assert found["draft"]["stride"] == 7 and found["quick"]["resolution"] != found["draft"]["resolution"]
 
 
 def test_the_shipped_configuration_sets_no_stage_key():
@@ -178,9 +180,7 @@ def test_the_paper_s_ten_sequences_are_in_the_table():
         ("-", None, True, "results/adt/scene6/recording"),
     ],
 )
-def test_a_configured_root_replaces_a_synthetic_recording_but_none_that_is_absent(
-    tmp_path, recording, root, synthetic, path
-):
+def test_a_root_replaces_a_synthetic_recording_but_no_absent_one(tmp_path, recording, root, synthetic, path):
     row = f"# a note\nadt\tscene6\tadt\t{recording}\tsynthetic.seed=7 frames.stride=3 frames.end_s=2.5\n"
     scene = scenes_of(tmp_path, HEADER + row, data_root={"adt": root})["adt", "scene6"]
     assert (scene.synthetic, scene.by_name, scene.recording) == (synthetic, recording == "-", Path(path))
