@@ -36,11 +36,7 @@ def compared_methods(scene: Scene) -> list[str]:
 
 
 def compared_variants(scene: Scene) -> list[str]:
-    """Get metrics.json of a scene and of the variants in ``tradeoff.variants`` that change its scores.
-
-    Raises:
-        UserError: there is no such variant.
-    """
+    """Get metrics.json of a scene and of the variants in ``tradeoff.variants`` that change its scores (UserError: there is no such one)."""
     configs = {
         name: variant_config(scene.config, name, scene.name) for name in scene.config["tradeoff"]["variants"]
     }

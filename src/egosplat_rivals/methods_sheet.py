@@ -11,6 +11,7 @@ from egosplat.artifacts.lineage import open_histories
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.drawing import HIT, MISS, draw_heading, draw_heat, draw_outline, empty_grid, plt, save_figure
+from egosplat.errors import UserError
 from egosplat.evaluation.options import MetricsOptions, recorded_options
 from egosplat.query.finished_scene import Scene, open_artifacts, scene_of
 from egosplat.report.sheets.queries_sheet import (
@@ -32,12 +33,13 @@ WORST = "worst: misses of most methods with the lowest mean IoU, one per categor
 
 
 def run(metrics: Sequence[Path], output: Path, title: str) -> None:
-    """Draw the page as PNG, atomically; queries are answered again, as in the page of queries.
-
-    ``metrics`` are ``metrics.json`` of variants of one scene, each beside its language.zarr, in the order of the columns.
-    UserError if one cannot be read, its artifacts are gone, or other queries were scored.
-    """
+    """Draw the page as PNG, atomically; queries are answered again, as in the page of queries. ``metrics`` are ``metrics.json`` of
+    variants of one scene, each beside its language.zarr, in the order of the columns. UserError if one cannot be read, is of another
+    scene than the first, its artifacts are gone, or other queries were scored."""
     scenes = [read_scored_scene(path) for path in metrics]
+    for one in scenes:
+        if (one.dataset, one.scene) != (scenes[0].dataset, scenes[0].scene):
+            raise UserError(f"{one.path}: is of another scene than {metrics[0]}; give variants of one scene")
     by_scene = [{(one.frame, one.category): one for one in scored_queries(each.document)} for each in scenes]
     chosen = best_and_worst(over_methods(by_scene), ROWS)
     best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)

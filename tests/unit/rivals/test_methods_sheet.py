@@ -30,11 +30,13 @@ def scored(folder, home, method=None):
 def test_each_method_has_a_column_and_a_lost_input_is_named(word_scene, tmp_path):
     folder = word_scene()
     paths = [scored(folder, folder), scored(folder, folder / "variants" / "occam", "Occam's LGS")]
-    widths = []
     for count in (1, 2):
         run(paths[:count], tmp_path / f"{count}.png", "adt/scene1")
-        widths.append(matplotlib.image.imread(tmp_path / f"{count}.png").shape[1])
+    widths = [matplotlib.image.imread(tmp_path / f"{count}.png").shape[1] for count in (1, 2)]
     assert widths[1] == pytest.approx(1.5 * widths[0], rel=0.02)
+    paths[1].write_text(paths[1].read_text().replace("adt/scene1", "adt/scene2"))
+    with pytest.raises(UserError, match=f"{paths[1]}: is of another scene"):
+        run(paths, tmp_path / "page.png", "adt/scene1")
     shutil.rmtree(folder / "poses.zarr")
     with pytest.raises(UserError, match=r"lacks poses\.zarr"):
         run(paths[:1], tmp_path / "page.png", "adt/scene1")
@@ -64,8 +66,7 @@ def test_the_tables_hold_ablations_configured_methods_and_scores_by_name_that_ex
     Path("results/adt/named").mkdir(parents=True)
     Path("results/adt/named/metrics.json").touch()
     assert set(table_scores(scenes.values())) - set(before) == {"results/adt/named/metrics.json"}
-    keys = {"tables": {"methods": []}}
-    told = [replace(scene, config=merge(scene.config, keys)) for scene in scenes.values()]
+    told = [replace(one, config=merge(one.config, {"tables": {"methods": []}})) for one in scenes.values()]
     assert not [path for path in table_scores(told) if "langsplat" in path]
     assert {"results/mine/here/splats.png", f"{home}/methods.png"} <= {*table_pictures(scenes.values())}
     assert f"{home}/methods.png" not in table_pictures(told)
@@ -77,6 +78,5 @@ def test_variants_that_change_nothing_are_not_compared(scenes):
     scene = replace(scenes["adt", "one"], config=resolve(keys, PRESETS))
     home = "results/adt/one"
     assert compared_variants(scene) == [f"{home}/metrics.json", f"{home}/variants/narrow/metrics.json"]
-    lost = replace(scene, config=resolve({"tradeoff": {"variants": ["nothing"]}}, PRESETS))
     with pytest.raises(UserError, match="adt/one: no variant 'nothing'"):
-        compared_variants(lost)
+        compared_variants(replace(scene, config=resolve({"tradeoff": {"variants": ["nothing"]}}, PRESETS)))
