@@ -21,9 +21,8 @@ from egosplat.progress import log, track
 
 
 def run(recording_path: Path, frames_path: Path, output: Path, options: AnnotationsOptions) -> None:
-    """Write the annotations artifact of the evaluation frames of ``frames``; of a recording without any, an
-    empty one. UserError if an annotation is damaged or does not fit its frame, or no evaluation frame has
-    one."""
+    """Write the annotations artifact of the evaluation frames of ``frames``; of a recording without any, an empty one. UserError if
+    an annotation is damaged or does not fit its frame, or no evaluation frame has one."""
     frames = open_artifact(frames_path, FRAMES)
     format, times = frames.facts["format"], frames.read("timestamp_ns")
     indices = np.flatnonzero(frames.read("evaluation")).astype(np.int64)

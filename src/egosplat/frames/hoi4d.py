@@ -98,9 +98,8 @@ def read_intrinsics(path: Path, width: int, height: int) -> Camera:
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
-    """Open the masks of a sequence; None if it has none, UserError if its object category is unknown. Maps
-    are read with UserError if the mask is unreadable, or of another shape or other colors. Ids are labels 1
-    to 6."""
+    """Open the masks of a sequence; None if it has none, UserError if its object category is unknown. Maps are read with
+    UserError if the mask is unreadable, or of another shape or other colors. Ids are labels 1 to 6."""
     folder, camera = find_sequence(path), keys.camera
     if (masks := find_masks(folder)) is None:
         return None

@@ -89,9 +89,8 @@ class Pictures:
 
 
 def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled | None = None) -> Recording:
-    """Open a video or a folder of images; UserError if it or its calibration cannot be read, or no frame is
-    selected. ``find_labeled`` gives indices of labeled pictures among names; these are taken whatever the
-    stride."""
+    """Open a video or a folder of images; UserError if it or its calibration cannot be read, or no frame is selected.
+    ``find_labeled`` gives indices of labeled pictures among names; these are taken whatever the stride."""
     kind = known_poses.find_known_poses(path, options.known_poses)
     every = calibrate(path, kind, open_source(path, kind))
     width, height = every.size

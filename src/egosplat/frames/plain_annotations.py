@@ -23,9 +23,8 @@ _UNKNOWN_ID = -2
 
 
 def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
-    """Open the annotations of a recording; None without any, UserError if it is missing or they are damaged.
-    Maps are read with UserError if the PNG is unreadable or of another size than its frame, or an id is not
-    in the table."""
+    """Open the annotations of a recording; None without any, UserError if it is missing or they are damaged. Maps are read with
+    UserError if the PNG is unreadable or of another size than its frame, or an id is not in the table."""
     if not path.exists():
         raise UserError(f"{path}: not found. Give a video file or an image folder.")
     if not is_annotated("plain", path):

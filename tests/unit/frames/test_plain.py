@@ -11,7 +11,7 @@ from PIL import Image
 from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
-from egosplat.frames.video import open_video
+from egosplat.frames.video import open_source, open_video
 from egosplat.geometry import Camera
 
 OPTIONS = FramesOptions(resolution=32)
@@ -104,7 +104,6 @@ def test_a_resized_mask_keeps_wholly_valid_pixels(images):
     assert (recording.valid == expected).all()
     (image,) = recording.read_frames(np.array([11]))
     assert (image[~expected] == 0).all() and (image[expected] == [110, 100, 0]).all()
-    assert len(recording.timestamp_ns) == 12
 
 
 TEXTURED = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
@@ -140,6 +139,11 @@ def test_exif_orientation_is_applied(tmp_path):
     (shown,) = open_recording(tmp_path, OPTIONS.change(resolution=64)).read_frames(np.array([0]))
     assert shown.shape == (64, 48, 3)
     assert shown[:, 40, 1].min() > 150 and shown[:, 8, 1].max() < 50
+
+
+def test_a_png_without_exif_is_not_decoded_for_its_header(images, monkeypatch):
+    monkeypatch.setattr("PIL.PngImagePlugin.PngImageFile.load", None)
+    assert open_source(images, None).size == (64, 48)
 
 
 def test_area_averaging_does_not_alias(tmp_path):

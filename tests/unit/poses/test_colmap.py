@@ -52,8 +52,7 @@ def test_colmap_recovers_the_true_trajectory(estimated, true_poses):
     assert error["ate_rmse_m"] < 0.005  # on a path 2 m long
     assert error["rotation_rmse_deg"] < 0.3
     assert estimated.notes["reprojection_error_px"] < 0.5
-    assert estimated.notes["scale"] == "arbitrary"
-    assert estimated.camera == CAMERA
+    assert estimated.notes["scale"] == "arbitrary" and estimated.camera == CAMERA
 
 
 def test_points_lie_on_the_planes_of_the_room_in_their_colors(estimated, true_poses):

@@ -60,17 +60,15 @@ def test_a_run_without_a_target_takes_scenes_whose_recording_exists_or_can_be_ma
 )
 def test_a_survey_that_finds_motion_adds_what_it_decides(scenes, monkeypatch, keys, moving, pages):
     scene = replace(scenes["mine", "here"], config=merge(CONFIG, keys))
-    job = Job(scene)
     monkeypatch.setattr(Job, "survey", survey(moving))
-    added = results_by_survey(job)
+    added = results_by_survey(Job(scene))
     assert added == [path for path in added if path not in default_results(scene)]
     assert {Path(path).name for path in added} == pages
 
 
 def test_a_variant_reads_what_it_does_not_change_from_its_scene(scenes, monkeypatch):
     monkeypatch.setattr(Job, "survey", survey("none"))
-    job = Job(scenes["mine", "here"], "v")
-    home = "results/mine/here"
+    job, home = Job(scenes["mine", "here"], "v"), "results/mine/here"
     found = words("language", job)
     assert found["frames"] == f"{home}/frames.zarr" and found["splats"] == f"{home}/splats.zarr"
     assert found["features"] == f"{home}/variants/v/features.zarr"
@@ -91,8 +89,7 @@ def test_a_survey_is_waited_for_and_read_again_when_it_changes(scenes, monkeypat
     waited: list[str] = []
     monkeypatch.setattr(jobs, "read_document", lambda path, _: path.read_text())
     job = Job(scenes["mine", "here"], "v", wait=lambda scene, folder: waited.append(scene.name + folder))
-    path = Path("results/mine/here/survey.json")
-    path.parent.mkdir(parents=True)
+    (path := Path("results/mine/here/survey.json")).parent.mkdir(parents=True)
     for number in range(2):
         path.write_text(f"{number}")
         os.utime(path, (number, number))
