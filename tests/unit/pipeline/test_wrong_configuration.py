@@ -114,8 +114,6 @@ def test_absent_and_faulty_files_and_unknown_scenes_are_named(tmp_path):
         read_scenes(config.resolve({"scenes": str(tmp_path / "none.tsv")}, PRESETS))
     with pytest.raises(UserError, match="adt/t .*adt/s"):
         find_scene(read(tmp_path, ROW), "adt", "t")
-    with pytest.raises(UserError, match="paper.yaml"):
-        config.resolve({"preset": "paper"}, tmp_path)
     (tmp_path / "draft.yaml").write_text("frames: {strid: 3}")
     with pytest.raises(UserError, match="draft.yaml: .*'frames.strid'.* 'stride'"):
         config.resolve({"preset": "draft"}, tmp_path)
