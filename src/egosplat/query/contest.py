@@ -95,8 +95,7 @@ class Contest:
         return _log_odds(self.sample, replace(texts, canonical=self.words.canonical), self.options)
 
     def _stand(self, query: Texts, fits: Tensor, usual: Tensor) -> Tensor:
-        """(K,) share of the query among words of other meanings, by (W + 1, K) fits, its own last, and (W + 1,) usual
-        ones."""
+        """(K,) share of the query among words of other meanings, by (W + 1, K) fits, its own last, and (W + 1,) usual ones."""
         apart = self.scale * (fits - usual[:, None])
         rivals = apart[:-1][other_meanings(query, self.words, _NEAREST)]
         return torch.sigmoid(apart[-1] - rivals.logsumexp(dim=0))

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -139,8 +140,11 @@ class Scene:
 
     @cached_property
     def instances(self) -> NDArray[np.int32]:
-        """(L, N) int32 instance of each Gaussian at each level, -1 for none. Raises as ``instances_of_gaussians``."""
-        return instances_of_gaussians(self.artifact("instances"), self.trained.gaussians.means.cpu().numpy())
+        """(L, N) int32 instance of each Gaussian at each level of the codes, -1 for none. Raises as ``instances_of_gaussians``."""
+        names = (instances := self.artifact("instances")).facts["levels"]
+        # A level without an instance has no codes; codes of all levels in one get the coarsest.
+        rows = [names.index(level) if level in names else -1 for level in self.levels]
+        return instances_of_gaussians(instances, self.trained.gaussians.means.cpu().numpy())[rows]
 
     @cached_property
     def rests(self) -> Rests | None:
@@ -215,12 +219,14 @@ class Scene:
     @cached_property
     def ruler(self) -> tuple[float, float] | None:
         """The scene's unit [m] as the sizes of things tell it, and its spread [log]; None where it is known, or they do not tell."""
-        if not self._placed or self.unit == "m":
+        if not self._placed or self.unit == "m" or not self._words.phrases:
             return None
-        fits, owner = self.trained.relevancy(self._words, self.options).cpu().numpy(), self.instances
-        known = (owner >= 0) & (self.trained.share.T > 0).cpu().numpy()
-        sums = [np.bincount(owner[known], each, len(self._extents)) for each in (None, *fits[:, known])]
-        odds = np.vectorize(grades.log_odds, otypes=[float])(np.stack(sums[1:]) / np.maximum(sums[0], 1))
+        known = (self.instances >= 0) & (self.trained.share.T > 0).cpu().numpy()
+        owner, batches = self.instances[known], self._words.in_batches(known.size)
+        every = (self.trained.relevancy(words, self.options).cpu().numpy() for words in batches)
+        fits = (fit[known] for some in every for fit in some)
+        count, *sums = (np.bincount(owner, each, len(self._extents)) for each in chain([None], fits))
+        odds = np.vectorize(grades.log_odds, otypes=[float])(np.stack(sums) / np.maximum(count, 1))
         return estimate_unit(self._extents, self._words.phrases, odds)
 
     @cached_property
@@ -421,9 +427,8 @@ class Scene:
 def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys: Any) -> Scene:
     """Open a finished scene or variant, such as ``results/adt/scene1``. Only what describes its artifacts is read.
 
-    Queries follow ``options``, or the defaults of the model, but for ``keys`` of the section ``query``, ``backend``, ``device``
-    or ``precision``, such as ``min_score=0.6``. UserError: a key is not valid, or an artifact is missing, damaged or of another
-    scene.
+    Queries follow ``options``, or the defaults of the model, but for ``keys`` of the section ``query``, ``backend``, ``device`` or
+    ``precision``, such as ``min_score=0.6``. UserError: a key is not valid, or an artifact is missing, damaged or of another scene.
     """
     folder = Path(folder)
     artifacts = open_artifacts(folder)

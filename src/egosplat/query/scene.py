@@ -27,8 +27,7 @@ from egosplat.query.relevancy import Kept, relevancy_maps
 from egosplat.query.sizes import Sizes
 from egosplat.query.text import AT_ONCE, Texts
 
-# A Gaussian farther from every Gaussian that instances were merged on, in units of their median distance to these, is in
-# no instance.
+# A Gaussian farther from every Gaussian that instances were merged on, in units of their median distance to these, is in no instance.
 _FAR = 8.0
 
 # A (4, 4) camera_to_world, or a JSON file {"camera_to_world": 4 rows of 4 numbers}.
@@ -116,7 +115,7 @@ def instances_of_gaussians(instances: Artifact, means: NDArray[np.float32]) -> N
     N > 0 (UserError: instances are tracks, which have no place in 3D)."""
     xyz, owner = instances.read("gaussians/xyz"), instances.read("gaussians/instance")
     if not len(xyz):
-        what = "its instances are tracks, which have no place in 3D; set instances.source to masks or both"
+        what = "its instances are tracks, which have no place in 3D; set instances.source to masks"
         raise UserError(f"{instances.path}: {what}")
     distance, nearest = KDTree(xyz).query(means)
     return np.where((distance <= _FAR * np.median(distance))[:, None], owner[nearest], -1).T
@@ -135,17 +134,16 @@ class Viewpoint:
     @staticmethod
     def read(pose: Pose, second: float | None = None) -> "Viewpoint":
         """The viewpoint of a pose, named like its file, at a time or of none (UserError: no file, or no rigid motion)."""
-        name, where = "a pose", "pose"
-        if isinstance(pose, str | Path):
-            name, where = Path(pose).name, f"pose {pose}"
-            try:
-                pose = np.array(read_json(Path(pose))["camera_to_world"], np.float64)
-            except FileNotFoundError:
-                raise UserError(f"{where}: does not exist") from None
-            except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
-                reason = str(error).partition("\n")[0]
-                raise UserError(f"{where}: is not JSON with 4x4 numbers camera_to_world ({reason})") from None
-        matrix = np.asarray(pose, np.float64)
+        is_file = isinstance(pose, str | Path)
+        name, where = (Path(pose).name, f"pose {pose}") if is_file else ("a pose", "pose")
+        try:
+            matrix = np.array(read_json(Path(pose))["camera_to_world"] if is_file else pose, np.float64)
+        except FileNotFoundError:
+            raise UserError(f"{where}: does not exist") from None
+        except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
+            reason, wanted = str(error).partition("\n")[0], "4x4 numbers"
+            wanted = f"JSON with {wanted} camera_to_world" if is_file else wanted
+            raise UserError(f"{where}: is not {wanted} ({reason})") from None
         if matrix.shape != (4, 4) or not is_rigid(matrix):
             what = "camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
             raise UserError(f"{where}: {what}")

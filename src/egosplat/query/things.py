@@ -167,9 +167,8 @@ def measure_extents(xyz: Array, instance: NDArray[np.int32], touching: csr_array
     floor = np.quantile(height, _FLOOR) if len(height) else 0.0
     for own in instance:
         order = np.argsort(own, kind="stable")
-        for index, members in enumerate(
-            np.split(order, np.searchsorted(own[order], np.arange(count + 1)))[1:-1]
-        ):
+        parts = np.split(order, np.searchsorted(own[order], np.arange(count + 1)))[1:-1]
+        for index, members in enumerate(parts):
             if len(members):
                 label = connected_components(touching[members][:, members], directed=False)[1]
                 members = members[label == np.bincount(label).argmax()]

@@ -33,8 +33,7 @@ _LEAST_COVERAGE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """The codes of one view, rendered at (h, w) pixels, for answers of (H, W) pixels by the ``camera``, of which ``valid`` ones
-    count.
+    """The codes of one view, rendered at (h, w) pixels, for answers of (H, W) pixels by the ``camera``, of which ``valid`` ones count.
 
     Attributes:
         codes: (L, h, w, C) float32 codes at each level, or relevancies to C queries, divided by their coverage.

@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2, vq
 from torch.nn import functional
 
-from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.model import Gaussians
 from egosplat.images import evenly_spaced
 from egosplat.language.decoder import Decoder, decode
-from egosplat.query.scene import instances_of_gaussians
 from egosplat.viewing.html import Arrays, Facts
 
 # Gaussians that share one box for their quantized centers.
@@ -104,13 +102,6 @@ def _quantize_centers(means: Floats) -> Arrays:
     block = np.arange(len(means)) // BLOCK
     steps = np.rint((means - low[block]) / step[block]).clip(0, 65535).astype(np.uint16)
     return {"position": steps.T, "block_low": low.T, "block_step": step.T}
-
-
-def pack_instances(instances: Artifact, means: Floats) -> Arrays:
-    """Pack ``instance`` (L, N) uint16: 0 for none, else 1 more than the index; nothing for tracks, which are not in 3D."""
-    if not len(means) or not instances.shape("gaussians/xyz")[0]:
-        return {}
-    return {"instance": (instances_of_gaussians(instances, means) + 1).clip(0, 65535).astype(np.uint16)}
 
 
 def pack_visibility(shares: Floats, frame: NDArray[np.int64]) -> tuple[Arrays, Facts]:

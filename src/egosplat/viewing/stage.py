@@ -27,7 +27,6 @@ from egosplat.viewing.gaussians import (
     keep_largest,
     pack_codes,
     pack_gaussians,
-    pack_instances,
     pack_visibility,
     spatial_order,
 )
@@ -65,7 +64,9 @@ def scene_data(scene: Scene, options: ScenePageOptions) -> tuple[Facts, Arrays]:
     code, share = (values.cpu().numpy()[kept] for values in (trained.code, trained.share))
     every, of_rests = add_rests(thinned, scene.rests)
     facts, arrays = _about(scene, options), pack_codes(code, share, trained.decoder)
-    arrays |= pack_instances(scene.artifact("instances"), thinned.means.cpu().numpy())
+    # Tracks are not in 3D.
+    if surface.instance is not None:
+        arrays["instance"] = (scene.instances[:, kept] + 1).clip(0, 65535).astype(np.uint16)
     for more_arrays, more_facts in (
         pack_gaussians(every, trained.sh_degree),
         pack_visibility(surface.shares[:, kept], surface.frame),

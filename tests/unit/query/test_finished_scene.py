@@ -11,7 +11,9 @@ import pytest
 import egosplat
 from egosplat.artifacts import reader
 from egosplat.errors import UserError
-from tests.support import ROOT
+from egosplat.query import finished_scene, text
+from egosplat.query.scene import QueryScene
+from tests.support import ROOT, page_scene
 
 SHEET = dict.fromkeys(("frames", "annotations", "poses", "output"), "f")
 
@@ -73,6 +75,7 @@ def test_a_variant_has_the_answers_of_what_it_shares(work):
         (lambda scene: scene.ask("cup", frame=3), "frame 3"),
         (lambda scene: scene.ask("cup", frame=1, pose=np.eye(4)), "frame and pose"),
         (lambda scene: scene.ask("cup", pose=np.zeros((4, 4))), "pose"),
+        (lambda scene: scene.ask("cup", pose=[[1], [2, 3]]), "pose: is not 4x4 numbers"),
         (lambda scene: scene.ask("cup", min_scor=0.1), "min_score"),
         (lambda scene: scene.render(), "frame or a pose"),
         (lambda scene: scene.artifact("masks"), "masks.zarr"),
@@ -87,6 +90,38 @@ def test_a_mistake_is_named(work, call, said):
     with pytest.raises(egosplat.UserError) as error:
         call(egosplat.open_scene("results/adt/scene1"))
     assert said in str(error.value) and str(error.value).count("\n") < 2
+
+
+@pytest.mark.parametrize("levels", [["part", "whole"], ["granular"]])
+def test_levels_of_codes_may_be_fewer_than_those_of_instances(tmp_path, monkeypatch, levels):
+    """There may be no subpart, and some methods have one code for all levels."""
+    write = page_scene.put
+
+    def put(folder, name, arrays, facts=None, **more):
+        if name == "instances":
+            arrays |= {key: np.insert(arrays[key], 0, -1, axis=1) for key in ("gaussians/instance", "labels")}
+            arrays["instances/level"] += np.int8(1)
+            facts |= {"levels": ["subpart", *facts["levels"]]}
+        elif name == "language":
+            arrays, facts = {key: one[:, -len(levels) :] for key, one in arrays.items()}, {"levels": levels}
+        return write(folder, name, arrays, facts, **more)
+
+    monkeypatch.setattr(page_scene, "put", put)
+    page_scene.put_page_scene(tmp_path)
+    scene = egosplat.open_scene(tmp_path, device="cpu")
+    assert [scene.ask("couch", **where)[0].grade for where in ({}, {"frame": 1})] == ["found"] * 2
+    _, arrays = page_scene.contents_of(page_scene.write_page(tmp_path))
+    assert scene.instances.shape == arrays["instance"].shape == (len(levels), 700)
+    assert (
+        np.unique(scene.instances[-1]).tolist()
+        == [3, 4, 5]
+        == (np.unique(arrays["instance"][-1]) - 1).tolist()
+    )
+    asked, relevancy = [], QueryScene.relevancy
+    monkeypatch.setattr(QueryScene, "relevancy", lambda *it: asked.append(it[1].phrases) or relevancy(*it))
+    monkeypatch.setattr(finished_scene, "length_unit", lambda _: "scene units")
+    monkeypatch.setattr(text, "AT_ONCE", 1)
+    assert egosplat.open_scene(tmp_path, device="cpu").ruler is None and {*map(len, asked)} == {1}
 
 
 def test_public_names_are_there_and_come_on_demand():

@@ -89,9 +89,8 @@ def test_a_number_is_shown_on_the_side_of_the_limits_of_its_grade(score, least, 
     grading = by_probability(FIT) if least is None else by_score(least)
     shown, grade = grading.shown(score), grading.grade(score)
     assert expected in (None, shown) and grading.grade(float(shown)) == grade
-    assert (grading.refusal(score) is None) is (grade != NOT_FOUND) and (least is None) == (
-        "70%" in grading.notice
-    )
+    assert (grading.refusal(score) is None) is (grade != NOT_FOUND)
+    assert (least is None) == ("70%" in grading.notice)
     found, guess = (2 / 3, 0.25) if least is None else (least, least)
     assert grade == (FOUND if score >= found else GUESS if score >= guess else NOT_FOUND)
 

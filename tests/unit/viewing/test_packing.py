@@ -1,7 +1,6 @@
 """The data of the scene page without a browser."""
 
 import shutil
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from egosplat.viewing.gaussians import (
     keep_largest,
     pack_codes,
     pack_gaussians,
-    pack_instances,
     pack_visibility,
     spatial_order,
     to_bytes,
@@ -83,7 +81,7 @@ def test_few_codes_are_kept_exactly_and_many_nearly():
         assert np.sqrt(((entries[vq(values, entries)[0]] - values) ** 2).mean()) <= error
 
 
-def test_a_gaussian_without_a_code_has_none_on_the_page_and_tracks_have_no_place_in_3d():
+def test_a_gaussian_without_a_code_has_none_on_the_page():
     code = np.eye(3, dtype=np.float32)[:, None].repeat(2, axis=1)
     # Shares that round to 0 stay above 0; a level without any code has an empty palette.
     share = np.float32([[1, 0], [0.0001, 0], [0, 0]])
@@ -91,8 +89,6 @@ def test_a_gaussian_without_a_code_has_none_on_the_page_and_tracks_have_no_place
     assert arrays["code_share"].tolist() == [[255, 1, 0], [0, 0, 0]]
     assert not arrays["palette"][1].any()
     np.testing.assert_array_equal(arrays["palette"][0][arrays["code_index"][0, :2]], code[:2, 0])
-    tracks = SimpleNamespace(shape=lambda name: (0, 3))
-    assert pack_instances(tracks, np.zeros((4, 3), np.float32)) == {}
 
 
 def test_visible_shares_come_back_within_a_step():
