@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.errors import UserError
 from egosplat.features.crops import encode_crops
 from egosplat.files import atomic_file, read_json, write_text
@@ -86,13 +87,16 @@ class Looks:
         if pictured and ranked:
             every = np.concatenate([rows[:_VIEWS_AGAIN] for _, rows in ranked[:_AGAIN]])
             views = zip(self.frame[every].tolist(), self.box[every].tolist(), strict=True)
-            crops = [self.scene.frames[frame][y0:y1, x0:x1] for frame, (x0, y0, x1, y1) in views]
+            frames, turns = self.scene.frames, -int(lies_on_its_side(self.scene.artifact("frames")))
+            crops = [np.rot90(frames[at][y0:y1, x0:x1], turns) for at, (x0, y0, x1, y1) in views]
             fits[every] = (_encode(self.scene.clip, crops) @ asked.T).max(axis=1)
             ranked = self._ranked(every, fits)
         kept = [but] if but else []
         for similarity, rows in ranked:
+            if len(kept) == most + bool(but):
+                break
             thing = self._thing(similarity, rows)
-            if len(kept) < most + bool(but) and not any(self._is_one(thing, other) for other in kept):
+            if not any(self._is_one(thing, other) for other in kept):
                 kept.append(thing)
         return kept[bool(but) :]
 
@@ -141,12 +145,13 @@ class Looks:
 
     def named(self, thing: str) -> Alike:
         """The thing in 3D at a place, as an answer prints it, or that a word finds (UserError: none is there, or is found)."""
-        if re.fullmatch(r"\s*-?[\d.]+(\s*,\s*-?[\d.]+){2}\s*", thing):
+        if re.fullmatch(r"\s*-?\d*\.?\d+(\s*,\s*-?\d*\.?\d+){2}\s*", thing):
             center = np.array([float(number) for number in thing.split(",")])
         else:
-            [answer] = self.scene.ask(thing, most=1)
-            if not answer.things:
-                raise UserError(f"{thing!r}: {answer.refusal}; give a place that an answer prints")
+            answer, *more = self.scene.ask(thing, most=1)
+            if more or not answer.things:
+                why = f"asks for {1 + len(more)} things" if more else answer.refusal
+                raise UserError(f"{thing!r}: {why}; give a place that an answer prints")
             center = answer.things[0].center
         every = (self.thing(number)[0] for number in np.unique(self.instance).tolist())
         solid = [one for one in every if len(one.members)]

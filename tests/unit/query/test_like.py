@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from egosplat.query import like
 from egosplat.query.finished_scene import open_scene
 from egosplat.query.like import Looks, ask_pictures
 from tests.support.page_scene import put_looks
@@ -45,6 +46,15 @@ def test_of_what_overlaps_the_most_alike_is_told(scene):
     assert [one.instance for one in looks.find(looks.feature[2:3], 1)] == [5]
 
 
+def test_crops_of_frames_on_their_side_are_turned_and_only_what_is_told_is_measured(scene, monkeypatch):
+    looks, measure, crops, measured = Looks(open_scene(scene, device="cpu")), Looks._thing, [], []
+    monkeypatch.setattr(like, "lies_on_its_side", lambda _: True)
+    monkeypatch.setattr(like, "_encode", lambda _, some: crops.extend(some) or looks.feature[: len(some)])
+    monkeypatch.setattr(Looks, "_thing", lambda *given: measured.append(given) or measure(*given))
+    assert looks.find(looks.feature[4:5], 1, pictured=True) and len(measured) == 1
+    assert {crop.shape for crop in crops} == {(30, 96, 3)}, "30 px wide, 96 px high"
+
+
 def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_command, tmp_path):
     other = Path(shutil.copytree(scene, tmp_path / "results/adt/other"))
     assert run_command("name", scene, "cup", " My  Mug")[0] == 0
@@ -67,6 +77,8 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
         (["name", "cup", " "], "name: is blank"),
         (["name", "9,9,9", "mug"], "9,9,9: no thing is there"),
         (["name", "spaceship", "mug"], "give a place"),
+        (["name", "couch and cup", "mug"], "asks for 2 things; give a place"),
+        (["name", "1.2.3,0,0", "mug"], "asks for 2 things; give a place"),
     ],
 )
 def test_a_user_s_mistake_is_told(scene, run_command, tmp_path, monkeypatch, words, told):
