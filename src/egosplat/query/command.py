@@ -38,8 +38,7 @@ def run(
     output: Path,
     at: float | None = None,
 ) -> Iterator[str]:
-    """Answer queries, of the whole scene by ``most`` things each, or of a viewpoint; tell where carried things were ``at`` a
-    time [s].
+    """Answer queries, of the whole scene by ``most`` things each, or of a viewpoint; tell where carried things were ``at`` a time [s].
 
     Yields the table, one of what was carried if anything was, then a line about the picture once it is drawn. UserError: as
     ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
@@ -55,9 +54,8 @@ def run(
         lines.append(grading.notice)
         if scene.ruler:
             unit, low, high = (scene.ruler[0] * np.exp(side * scene.ruler[1]) for side in (0, -1, 1))
-            lines.append(
-                f"a scene unit is about {unit:.2g} m ({low:.2g} to {high:.2g}), by the sizes of things"
-            )
+            told = f"a scene unit is about {unit:.2g} m ({low:.2g} to {high:.2g}), by the sizes of things"
+            lines.append(told)
     title, questions = "\n".join(filter(None, lines)), scene.read(phrases)
     rows = [("query", "answer", grading.measure, "level", *(name.format(scene.unit) for name in columns))]
     kept: list[Answer] = []
@@ -141,11 +139,8 @@ def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
         told = f"{moving.told}  frame {moving.frame}"
         rated = _ABSENT if moving.rating is None else grading.shown(moving.rating)
         return [(answer.asked, answer.grade, rated, _ABSENT, told)]
-    if answer.refusal:
+    if reason := _refusal(answer):
         graded = answer.rating > 0 and not answer.untaught
-        # What moves is masked: a carried thing is found nowhere, and yet known.
-        is_carried = answer.history and not (answer.question and answer.question.relation)
-        reason = "it was carried, so it has no single place" if is_carried else answer.refusal
         return [(answer.asked, f"{reason} ({grading.measure} {shown})" if graded else reason)]
     if view is not None and view.pixel is not None and view.level is not None:
         pixel = f"{view.pixel[0]}, {view.pixel[1]}"
@@ -158,6 +153,12 @@ def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
     return rows or [(answer.asked, NOTHING)]
 
 
+def _refusal(answer: Answer) -> str | None:
+    """Why nothing is found. What moves is masked: a carried thing is found nowhere, and yet known."""
+    is_carried = answer.history and not answer.moving and not (answer.question and answer.question.relation)
+    return "it was carried, so it has no single place" if answer.refusal and is_carried else answer.refusal
+
+
 def carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str:
     """When what was asked for was carried, or where it was at a time; empty if nothing is known and no time is asked of."""
     answers = [answer for answer in answers if answer.history]
@@ -165,11 +166,8 @@ def carried_table(answers: Sequence[Answer], unit: str, at: float | None) -> str
         return "" if at is None else "nothing of this was carried, as far as is known"
     if at is not None:
         rows = [("carried thing", f"at {clock(at)} [{unit}]", "when [min:s]")]
-        for answer in answers:
-            place = answer.at(at)
-            rows.append(
-                (answer.phrase, show_point(place and place.position), place.told if place else _ABSENT)
-            )
+        places = [(answer.phrase, place) for answer in answers if (place := answer.at(at))]
+        rows += [(phrase, show_point(place.position), place.told) for phrase, place in places]
         return align_rows(rows)
     rows = [("carried thing", "carried [min:s]", f"from [{unit}]", f"to [{unit}]", "frame")]
     for answer in answers:
@@ -184,13 +182,12 @@ def _sentence(answer: Answer, unit: str, output: Path) -> list[str]:
     question = answer.question
     if question is None or question.read == question.typed or answer.grade == NOT_ASKED:
         return []
-    if answer.refusal:
-        told = answer.refusal
-    elif best := next(iter(answer.things), None):
+    told = _refusal(answer)
+    if best := next(iter(answer.things), None):
         shown = f"at {show_point(best.center)} {unit}, best seen in frame {best.frame}"
         more = f"; {len(answer.things) - 1} more" if answer.things[1:] else ""
         told = f"{answer.grade}: {question.said} {shown} ({output}){more}"
-    else:
+    elif not told:
         told = f"{answer.grade}: {question.said} ({output})" if answer.view else NOTHING
     return [f'"{question.typed}" (read as: {question.read}): {told}']
 
@@ -234,7 +231,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
             hide_axes(axes)
         (place, heat, mask), view = cells, answer.view
         if picture is None or view is None:
-            caption = f'"{answer.asked}": {answer.refusal or NOTHING}'
+            caption = f'"{answer.asked}": {_refusal(answer) or NOTHING}'
             # Outside of the layout: otherwise the first column becomes as wide as the text.
             how = {"transform": place.transAxes, "clip_on": False, "in_layout": False}
             place.text(0.0, 0.5, caption, fontsize=10, **how)

@@ -180,7 +180,7 @@ def find_history(histories: Histories, query: Texts, words: Texts, temperature: 
     """
     own = query.queries[0]
     carried = torch.tensor([word in CARRIED for word in words.phrases])
-    if not histories.things or not carried[(words.queries @ own).argmax()]:
+    if not histories.things or not words.phrases or not carried[(words.queries @ own).argmax()]:
         return ()
     features, others = histories.features, words.queries[carried & other_meanings(query, words)]
     unnamed = fits_as_well(features, own, others)
@@ -199,9 +199,8 @@ def fits_as_well(features: Tensor, own: Tensor, others: Tensor) -> Tensor:
 def judge(
     phrase: str, things: Sequence[Thing], unknown: Unknown, grading: Grading, most: int, coded: bool = True
 ) -> Answer:
-    """Judge the things that match a query of the whole scene, by decreasing score, with probabilities where a calibration
-    holds, and show ``most`` of them. Words that the model was not trained on are ``unknown``; ``coded`` tells whether any Gaussian
-    has a code."""
+    """Judge the things that match a query of the whole scene, by decreasing score, with probabilities where a calibration holds, and show
+    ``most`` of them. Words that the model was not trained on are ``unknown``; ``coded`` tells whether any Gaussian has a code."""
     untaught, refusal = unknown
     if not things:
         # What fits best may be specks alone.

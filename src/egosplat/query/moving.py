@@ -73,6 +73,8 @@ class Tracks:
         None unless these are certain. ``seconds`` are the (F,) times of the frames."""
         if query.phrases[0].lower() in WORDS["wearer"] and self.worn.any():
             return self._moving(self.worn, None, seconds)
+        if not words.phrases:
+            return None
         meant = words.phrases[int((words.queries @ query.queries[0]).argmax())]
         if meant in STAYING and meant not in WORDS["wearer"]:
             return None

@@ -88,9 +88,8 @@ def is_seen(relation: str, thing: Body, anchor: Body, view: Array) -> bool:
     in the axes of the bodies."""
     ahead = view[:2, 2] / max(float(np.linalg.norm(view[:2, 2])), 1e-12)
     axes = np.stack([(ahead[1], -ahead[0]), ahead])
-    (right, depth), (other_right, other_depth) = (
-        axes @ (one.center - view[:3, 3])[:2] for one in (thing, anchor)
-    )
+    seen = [axes @ (one.center - view[:3, 3])[:2] for one in (thing, anchor)]
+    (right, depth), (other_right, other_depth) = seen
     aside = right - other_right * (depth / other_depth if min(depth, other_depth) > 0 else 1.0)
     nearer = other_depth - depth
     by = {"left of": -aside, "right of": aside, "in front of": nearer, "behind": -nearer}
@@ -153,9 +152,8 @@ def relate(
     """Answer a question with all things that are found or guessed and stand as it asks, by the ``answers`` to its phrase, or to all words
     where it asks for anything, and by those to what it names beside."""
     lacking = next((one.refusal for one in anchors if one.untaught), None)
-    absent = [
-        asked.read for asked, anchor in zip(question.anchors, anchors, strict=True) if not anchor.things
-    ]
+    named = zip(question.anchors, anchors, strict=True)
+    absent = [asked.read for asked, anchor in named if not anchor.things]
     told = f"no {absent[0]} is found" if absent else f"not {question.stand}"
     kept: list[Answer] = []
     for answer in answers if question.phrase or not absent else ():
@@ -168,8 +166,9 @@ def relate(
             kept.append(judge(answer.phrase, things, ((), None), grading, len(things)))
         elif question.phrase:
             why = lacking or answer.refusal or f"{with_article(answer.phrase)}, but {told}"
-            grade = answer.grade if why == answer.refusal else NOT_FOUND
-            kept.append(replace(answer, grade=grade, refusal=why, things=()))
+            if why != answer.refusal:
+                answer = replace(answer, grade=NOT_FOUND, moving=None)
+            kept.append(replace(answer, refusal=why, things=()))
     if not question.phrase:
         kept = _distinct(kept) or [Answer("", NOT_FOUND, 0.0, refusal=lacking or f"something, but {told}")]
     yield from kept

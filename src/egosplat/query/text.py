@@ -117,10 +117,8 @@ def _encode_short(model: Any, tokens: Tensor) -> Tensor:
     encoded = []
     for part in tokens.split(100):
         end = int(part.argmax(dim=1).max()) + 1
-        cut = {
-            "positional_embedding": model.positional_embedding[:end],
-            "attn_mask": model.attn_mask[:end, :end],
-        }
+        places, mask = model.positional_embedding[:end], model.attn_mask[:end, :end]
+        cut = {"positional_embedding": places, "attn_mask": mask}
         encoded.append(functional_call(model, cut, kwargs={"text": part[:, :end]})[1])
     return torch.cat(encoded)
 

@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -129,12 +130,9 @@ def test_what_is_not_there_is_rejected_and_so_is_what_words_of_homes_win(word_sc
 
 def test_a_best_guess_has_its_place_and_not_found_has_none(word_scene, query, fitted):
     folder = word_scene()
-    for found, guess, grades in (
-        (0.6, 0.3, ["found", "not found"]),
-        (1.01, 0.3, ["best guess", "not found"]),
-        (1.01, 0.0, ["best guess", "best guess"]),
-        (1.01, 1.01, ["not found", "not found"]),
-    ):
+    some = (0.6, 0.3, "found", "not found"), (1.01, 0.3, "best guess", "not found")
+    more = (1.01, 0.0, "best guess", "best guess"), (1.01, 1.01, "not found", "not found")
+    for found, guess, *grades in (*some, *more):
         fitted(found, guess)
         status, out, err = query(folder, "cup", "basketball", "--overwrite")
         assert status == 0, err
@@ -262,3 +260,5 @@ def test_what_is_carried_and_does_not_stand_so_is_told_so():
     answer = Answer("cushion", "not found", 0.0, refusal=why, history=("carried",), question=question)
     for one, told in ((answer, why), (replace(answer, question=None), "it was carried")):
         assert command.answer_rows(one, by_score(0.95))[0][1].startswith(told)
+    plain = replace(answer, question=Question("cushion", typed="where is my cushion?"))
+    assert "it was carried" in command._sentence(plain, "m", Path("query.png"))[0]

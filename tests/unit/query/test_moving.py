@@ -27,19 +27,17 @@ from tests.unit.histories.test_history import mixed
 CUP, BOX, BED, OBJECT = torch.eye(4)
 SECONDS = np.arange(60.0) / 5
 # (track, frame, share) of each view: the first in frames 0 to 19 and 40 to 44, the second in frames 50 to 54.
-VIEWS = [
-    *((0, frame, 0.1 + frame / 100) for frame in (*range(20), *range(40, 45))),
-    *((1, frame, 0.05) for frame in range(50, 55)),
-]
+VIEWS = [(0, frame, 0.1 + frame / 100) for frame in (*range(20), *range(40, 45))]
+VIEWS += [(1, frame, 0.05) for frame in range(50, 55)]
 
 
-def found(*features, query=CUP, phrase="it", views=VIEWS, least=0.5, worn=()):
+def found(*features, query=CUP, phrase="it", views=VIEWS, least=0.5, worn=(), known=3):
     """What is told of tracks 10, 11 ... with features and views; ``worn`` ones are the wearer's."""
     track, frame, share = np.array(views).T
     numbers = np.arange(10, 10 + len(features))
     own = np.isin(numbers, worn)
     tracks = Tracks(numbers, torch.stack(features), own, track.astype(int), frame.astype(int), share)
-    words = Texts(("cup", "box", "bed"), torch.stack([CUP, BOX, BED]), OBJECT[None])
+    words = Texts(("cup", "box", "bed")[:known], torch.stack([CUP, BOX, BED])[:known], OBJECT[None])
     asked = Texts((phrase,), query[None], OBJECT[None])
     return tracks.find(asked, words, SECONDS, by_score(least), QueryOptions())
 
@@ -58,6 +56,7 @@ def test_what_is_not_certain_is_not_told():
     assert found(CUP, BOX, least=1.0) is None, "it is graded as things are"
     assert found(BOX, CUP) is None, "few views"
     assert found(BED, BED, query=BED) is None, "furniture stays"
+    assert found(CUP, CUP, known=0) is None, "a model of another language knows no word of the list"
     assert found(CUP, BOX, worn=[10]) is None and found(CUP, BOX, query=BOX, views=VIEWS[:5]) is None
 
 

@@ -1,12 +1,13 @@
 """How made-up things stand to each other, in worlds of any up direction."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from egosplat.query.answers import Answer, Thing
-from egosplat.query.grades import FOUND, NOT_FOUND, by_score
+from egosplat.query.grades import FOUND, MOVING, NOT_FOUND, by_score
 from egosplat.query.reading import Question
 from egosplat.query.relations import Space, relate
 
@@ -54,17 +55,14 @@ def answer(space, name: str, grade: str = FOUND) -> Answer:
     members = np.arange(count) + count * list(BOXES).index(name)
     thing = Thing(0.9, "whole", np.zeros(3), np.ones(3), 0, members)
     things = (thing,) if grade == FOUND else ()
-    return Answer(
-        name, grade, 0.9, None, None if things else "not found: nothing", things=things, candidates=(thing,)
-    )
+    why = None if things else "not found: nothing"
+    return Answer(name, grade, 0.9, None, why, things=things, candidates=(thing,))
 
 
 def told(space, phrase: str, relation: str, *anchors: str) -> Answer:
-    question, others = (
-        Question(phrase, relation, tuple(map(Question, anchors))),
-        (answer(space, a) for a in anchors),
-    )
-    return next(relate(question, [answer(space, phrase)], [*others], by_score(0.5), space))
+    question = Question(phrase, relation, tuple(map(Question, anchors)))
+    others = [answer(space, one) for one in anchors]
+    return next(relate(question, [answer(space, phrase)], others, by_score(0.5), space))
 
 
 RIGHT = """cup on table; trash can under table; pillow on couch; lamp next to couch; ball in bowl; picture on wall; bowl on table;
@@ -72,9 +70,8 @@ picture above couch; table under cup; cup left of lamp; lamp right of cup; pillo
 chair next to table"""
 WRONG = """cup on couch; cup under table; trash can on table; cup next to couch; table on cup; bowl in ball; lamp on couch;
 pillow under couch; picture on table; lamp left of cup; lamp above table; bowl next to cup; wall in front of pillow"""
-CASES = [
-    (text.strip(), right) for texts, right in ((RIGHT, True), (WRONG, False)) for text in texts.split(";")
-]
+BOTH = (RIGHT, True), (WRONG, False)
+CASES = [(text.strip(), right) for texts, right in BOTH for text in texts.split(";")]
 
 
 @pytest.mark.parametrize("text, right", CASES)
@@ -102,6 +99,10 @@ def test_what_is_absent_is_named_and_anything_is_listed_once(space):
     assert lacking.refusal == "a cup, but no table is found"
     [absent] = relate(question, [answer(space, "cup", NOT_FOUND)], table, grading, space)
     assert absent.refusal == "not found: nothing"
+    seen, why = replace(answer(space, "cup", NOT_FOUND), grade=MOVING, moving="its times"), "never taught"
+    untaught = [Answer("", NOT_FOUND, 0.0, refusal=why, untaught=("x",))]
+    [unknown] = relate(question, [seen], untaught, grading, space)
+    assert (unknown.grade, unknown.refusal, unknown.moving) == (NOT_FOUND, why, None)
     anything = Question("", "on", (Question("table"),))
     every = [answer(space, name) for name in (*BOXES, "cup")]
     assert {one.phrase for one in relate(anything, every, table, grading, space)} == {"cup", "bowl"}
