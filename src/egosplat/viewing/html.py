@@ -3,7 +3,9 @@
 import base64
 import gzip
 import json
+import zlib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -42,9 +44,11 @@ def pack(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
 
 
 def facts_of(page: str) -> Facts:
-    """The facts that ``pack`` put into a page; none of what is no page."""
-    raw = gzip.decompress(base64.b64decode(data)) if (data := data_of(page)) else b""
-    return json.loads(raw[4 : 4 + int.from_bytes(raw[:4], "little")])["facts"] if raw else {}
+    """The facts that ``pack`` put into a page; none of what is no page, or a damaged one."""
+    with suppress(EOFError, OSError, ValueError, zlib.error):
+        raw = gzip.decompress(base64.b64decode(data_of(page)))
+        return json.loads(raw[4 : 4 + int.from_bytes(raw[:4], "little")])["facts"]
+    return {}
 
 
 def _planes(values: np.ndarray) -> bytes:

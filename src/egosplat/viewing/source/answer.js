@@ -218,7 +218,7 @@ const ALIKE = "more like this";
 const LONGEST = 2000;
 
 // A phrase without characters that nobody sees, and with single spaces.
-const cleanPhrase = (phrase) => phrase.replace(/\s+/gu, " ").replace(/[\p{Cc}\p{Cf}]/gu, "").trim();
+const cleanPhrase = (phrase) => phrase.replace(/\ufeff|(?!\s)[\p{Cc}\p{Cf}]/gu, "").replace(/\s+/gu, " ").trim();
 
 // A number with two decimals, for which the verdict is the same.
 function shownFigure(value, verdict) {

@@ -18,7 +18,7 @@ class Controls {
     listen("wheel", (event) => this.wheel(event));
     listen("keydown", (event) => this.key(event, true));
     listen("keyup", (event) => this.key(event, false));
-    listen("blur", () => this.keys.clear());
+    listen("blur", () => this.keys.size && (this.keys.clear(), this.on.rest()));
   }
 
   down(event) {
@@ -70,13 +70,10 @@ class Controls {
       ArrowUp: [0, 0, 1], KeyW: [0, 0, 1], ArrowDown: [0, 0, -1], KeyS: [0, 0, -1], ArrowLeft: [-1, 0, 0], KeyA: [-1, 0, 0],
       ArrowRight: [1, 0, 0], KeyD: [1, 0, 0], KeyE: [0, 1, 0], KeyQ: [0, -1, 0],
     };
-    if (!(event.code in steps) || event.ctrlKey || event.metaKey || event.altKey) return;
+    // A key that is let go moves no more, whatever is held with it by then.
+    if (!pressed && this.keys.delete(event.code) && !this.keys.size) this.on.rest();
+    if (!pressed || !(event.code in steps) || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
-    if (!pressed) {
-      this.keys.delete(event.code);
-      if (!this.keys.size) this.on.rest();
-      return;
-    }
     this.keys.add(event.code);
     // The system repeats a key that is held.
     for (const code of this.keys) this.on.step(...steps[code]);

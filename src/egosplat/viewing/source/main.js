@@ -106,8 +106,8 @@ class Page {
       event.preventDefault();
       this.ask($("words").value);
     };
-    // A choice from the list is asked at once.
-    $("words").oninput = (event) => event.inputType === "insertReplacementText" && this.ask($("words").value);
+    // A choice from the list is asked at once; Chromium and Safari tell no type of it.
+    $("words").oninput = ({ inputType = "insertReplacementText" }) => inputType === "insertReplacementText" && this.ask($("words").value);
     $("threshold").oninput = () => this.show({ threshold: Number($("threshold").value) });
     $("level").onchange = () => this.show({ level: Number($("level").value) });
     $("only").onchange = () => this.show({ only: $("only").checked });
@@ -269,7 +269,7 @@ class Page {
     if (question !== this.questions) return null;
     const told = this.tell(typed, answers), { vector, things: [best] } = told;
     this.mark = best?.center ? { point: best.center, text: this.markOf(told.name, best, told) } : null;
-    const relevancy = told.relevancy ?? (vector ? gaussianRelevancy(this.scene, vector, told.name) : ofInstances(this.scene, told.things));
+    const relevancy = told.relevancy ?? (vector ? gaussianRelevancy(this.scene, vector, told.phrase) : ofInstances(this.scene, told.things));
     this.answerTime = performance.now() - begun;
     this.heatTime = told.relevancy ? this.scene.heated - begun : this.answerTime;
     $("heat").hidden = !relevancy;
@@ -325,9 +325,9 @@ class Page {
 
   // Why nothing is found, or how sure it is.
   verdict(answer) {
-    const { things, grade, why, moving, history } = answer, rating = moving ? moving.rating : answer.rating;
+    const { name, things, grade, why, moving, history } = answer, rating = moving ? moving.rating : answer.rating;
     // What moves is masked: a carried thing is found nowhere, and yet known.
-    if (why && history.length && !moving) return "it was carried, so it has no single place";
+    if (why && history.length && !moving && !this.read(name)[0].relation) return "it was carried, so it has no single place";
     if (why) return rating && !answer.measure ? `${why} (${this.rated(answer, rating)})` : why;
     return things.length > 1 ? `${grade}, ${things.length} of them` : grade;
   }
@@ -342,23 +342,28 @@ class Page {
   // The carries of the answer, in a list and on the time line, where without any the times are in which it moves; the ring goes to
   // where the thing was.
   tellHistory(phrase, history, moving = []) {
-    const { seconds } = this.scene.facts, [first, last] = [seconds[0], seconds[seconds.length - 1]];
     this.history = history.length ? { phrase, history } : null;
-    const share = (second) => `${(100 * (second - first)) / Math.max(last - first, 1e-9)}%`;
+    const share = (second) => (100 * this.rowAt(second)) / Math.max(this.scene.facts.frames.length - 1, 1);
     $("carried").replaceChildren(...(history.length ? history : moving).map(({ from, until }) => {
       const bar = element("i", "");
-      bar.style.left = share(from);
-      bar.style.width = `calc(${share(first + until - from)} + 3px)`;
+      bar.style.left = `${share(from)}%`;
+      bar.style.width = `calc(${share(until) - share(from)}% + 3px)`;
       return bar;
     }));
     $("history").replaceChildren(...history.map((carry) => {
       const item = element("li", ""), button = element("button", `\u2192 Carried from ${minutes(carry.from)} to ${minutes(carry.until)}`, { type: "button" });
       button.append(element("small", [carry.start && `from ${place(carry.start)}`, carry.end && `to ${place(carry.end)}`, (carry.start || carry.end) && this.scene.facts.unit].filter(Boolean).join(" ")));
-      button.onclick = () => (this.stop(), this.showFrame(Math.max(0, seconds.findIndex((second) => second >= carry.until))));
+      button.onclick = () => (this.stop(), this.showFrame(this.rowAt(carry.until)));
       item.append(button);
       return item;
     }));
     this.followHistory();
+  }
+
+  // The row of the first frame from a time on, whose own is rounded to hundredths; else the last row.
+  rowAt(second) {
+    const { seconds } = this.scene.facts, row = seconds.findIndex((one) => one > second - 0.006);
+    return row < 0 ? seconds.length - 1 : row;
   }
 
   followHistory() {
