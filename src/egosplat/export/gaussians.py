@@ -53,10 +53,11 @@ def export_gaussians(folder: Path, output: Path, members: Tensor | None, *, code
 
 
 def answer_members(scene: Scene, phrase: str) -> Tensor:
-    """Indices of the Gaussians of the best answer to a query of the whole scene (UserError: there is none, or as ``Scene.ask``)."""
-    answer = scene.ask(phrase, most=1)[0]
-    if answer.refusal:
-        raise UserError(f"{scene.folder}: {phrase!r} is not exported, {answer.refusal}")
+    """Indices of the Gaussians of the answer to a query of the whole scene (UserError: there is none or several, or as ``Scene.ask``)."""
+    answer, *more = scene.ask(phrase, most=1)
+    if more or answer.refusal:
+        why = f"it asks for {1 + len(more)} things; ask for one" if more else answer.refusal
+        raise UserError(f"{scene.folder}: {phrase!r} is not exported, {why}")
     if answer.grade == GUESS:
         log(f"{phrase!r} is a best guess, with a probability of {scene.grading().shown(answer.rating)}")
     return torch.from_numpy(np.sort(answer.things[0].members))
@@ -112,9 +113,8 @@ def write_ply(path: Path, columns: Mapping[str, NDArray[Any]], origin: str) -> N
         columns: (N,) values of each property, in order: floats as float32, unsigned integers as uint8, integers as int32.
     """
     types = {name: _TYPES[values.dtype.kind] for name, values in columns.items()}
-    table = np.rec.fromarrays(
-        [*columns.values()], dtype=[(name, stored) for name, (_, stored) in types.items()]
-    )
+    layout = [(name, stored) for name, (_, stored) in types.items()]
+    table = np.rec.fromarrays([*columns.values()], dtype=layout)
     properties = "".join(f"property {kind} {name}\n" for name, (kind, _) in types.items())
     header = f"comment egosplat, origin {origin}\nelement vertex {len(table)}\n{properties}end_header\n"
     with atomic_file(path) as scratch:

@@ -46,7 +46,7 @@ def _boxes(rr: Any, answer: Answer) -> Any:
     return rr.Boxes3D(
         centers=[thing.center for thing in answer.things],
         sizes=[thing.size for thing in answer.things],
-        labels=[f"{answer.asked} {thing.score:.2f}" for thing in answer.things],
+        labels=[f"{answer.asked} {thing.rating:.2f}" for thing in answer.things],
     )
 
 

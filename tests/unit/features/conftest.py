@@ -17,12 +17,8 @@ FRAME_COUNT = 5
 @pytest.fixture
 def clip_keys(tiny_clip: Path) -> dict[str, str]:
     """The keys of the section ``models`` for it."""
-    return {
-        "clip_model": str(tiny_clip),
-        "clip_checkpoint": str(tiny_clip / CHECKPOINT),
-        "device": "cpu",
-        "precision": "float32",
-    }
+    files = {"clip_model": str(tiny_clip), "clip_checkpoint": str(tiny_clip / CHECKPOINT)}
+    return files | {"device": "cpu", "precision": "float32"}
 
 
 @pytest.fixture

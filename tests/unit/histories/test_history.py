@@ -89,9 +89,8 @@ def history(rests, links, features=(CUP,), query=CUP, step=10, **changes):
     things, begins, ends = np.array([one[:3] for one in rests], int).reshape(-1, 3).T
     changes |= {"center": np.array([one[3] for one in rests], float).reshape(-1, 3), "frame": begins}
     changes["links"] = np.array(links, np.int32).reshape(-1, 3).T
-    made = make_rests(
-        things, SECONDS[begins], SECONDS[ends], torch.stack([NOTHING, *features])[1:], **changes
-    )
+    looks = torch.stack([NOTHING, *features])[1:]
+    made = make_rests(things, SECONDS[begins], SECONDS[ends], looks, **changes)
     words = Texts(("cup", "box", "hand"), torch.stack([CUP, BOX, HAND]), OBJECT[None])
     asked = Texts(("it",), query[None], OBJECT[None])
     return find_history(Histories(carries, made, SECONDS), asked, words, 10.0)

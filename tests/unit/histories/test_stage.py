@@ -49,10 +49,8 @@ def made(tmp_path_factory):
     put(folder, "instances", arrays, about, made_from=["frames"])
     clip = {"model": "small", "checkpoint": "small", "hash": model_hash(CLIP, SMALL)}
     cup = encode_phrases(load_open_clip("small", "small", "cpu", "float32"), ["cup"]).numpy()
-    arrays, about = (
-        {"feature": cup, "instances/level": np.zeros(1, np.int8)},
-        {"levels": ["whole"], "clip": clip},
-    )
+    arrays = {"feature": cup, "instances/level": np.zeros(1, np.int8)}
+    about = {"levels": ["whole"], "clip": clip}
     put(folder, "view_features", arrays, about, made_from=["frames", "instances"])
     stored = {name: getattr(gaussians, name).numpy() for name in PARAMETERS if name != "features"}
     about = {"camera": asdict(CAMERA), "sh_degree_in_use": 1, "views": {"training": COUNT}}

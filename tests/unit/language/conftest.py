@@ -21,9 +21,8 @@ from tests.support.scenes import LEVELS, camera_facts, put, sideways
 LINEAR = {"compression": "linear", "dims": "auto"}
 FRAME_COUNT = 5
 HELD_OUT = 2
-CLUSTERED = pytest.param(
-    "clustered", marks=pytest.mark.skipif(not find_spec("sklearn"), reason="scikit-learn is absent")
-)
+NEEDS_SKLEARN = pytest.mark.skipif(not find_spec("sklearn"), reason="scikit-learn is absent")
+CLUSTERED = pytest.param("clustered", marks=NEEDS_SKLEARN)
 CODES = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, -0.5], [0.3, 0.3, 0.3]], np.float32)
 """Of the instances: 0 is the left half and 1 the right half, both at level 1; 2 is the middle, at level 0."""
 

@@ -16,15 +16,12 @@ from egosplat.models.checkpoints import SMALL_SAM2
 from egosplat.models.sam2_loader import build_predictor
 from tests.support.tiny_clip import DESCRIPTION, save_half
 
+NECK = {"d_model": 16, "backbone_channel_list": [64, 32, 16, 8], "fpn_top_down_levels": [2, 3]}
 SIZES = {
     "image_size": 256,
     "num_maskmem": 3,
     "image_encoder.trunk": {"embed_dim": 8, "stages": [1, 1, 2, 1], "global_att_blocks": [3]},
-    "image_encoder.neck": {
-        "d_model": 16,
-        "backbone_channel_list": [64, 32, 16, 8],
-        "fpn_top_down_levels": [2, 3],
-    },
+    "image_encoder.neck": NECK,
     "image_encoder.neck.position_encoding": {"num_pos_feats": 16},
     "memory_attention": {"d_model": 16, "num_layers": 1},
     "memory_attention.layer": {"d_model": 16, "dim_feedforward": 16},

@@ -20,11 +20,8 @@ CONTENT = b"weights " * 100_000
 SHA256 = hashlib.sha256(CONTENT).hexdigest()
 TABLE = Path("config/scenes.local.tsv")
 LIGHT = {"sam2.1_hiera_tiny.pt", "ViT-B-32-256.datacomp_s34b_b86k.bin"}
-FILES = (
-    "sam2.1_hiera_base_plus.pt",
-    "ViT-B-16.laion2b_s34b_b88k.bin",
-    "mobilenetv3_small_050.lamb_in1k.safetensors",
-)
+FILES = "sam2.1_hiera_base_plus.pt", "ViT-B-16.laion2b_s34b_b88k.bin"
+FILES += ("mobilenetv3_small_050.lamb_in1k.safetensors",)
 
 
 @pytest.fixture
@@ -165,9 +162,8 @@ def test_offline_the_addresses_are_listed(folder, server):
 
 
 def test_models_of_the_catalogue_are_fetched_by_name(folder, server):
-    assert "sam2.1_hiera_large.pt: there, SHA-256 verified" in egosplat(
-        "download", "sam2.1_hiera_l", "ViT-B-16-quickgelu"
-    )
+    told = egosplat("download", "sam2.1_hiera_l", "ViT-B-16-quickgelu")
+    assert "sam2.1_hiera_large.pt: there, SHA-256 verified" in told
     assert server.requests == [address("sam2.1_hiera_large.pt"), address("ViT-B-16-quickgelu.dfn2b.bin")]
     with pytest.raises(UserError, match="sam2.1_hiera_x: is not in the catalogue.*sam2.1_hiera_t"):
         egosplat("download", "sam2.1_hiera_x")

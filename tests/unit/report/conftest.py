@@ -32,9 +32,8 @@ def unreadable() -> Callable[[Figure], list[str]]:
         boxes = [(title.get_text(), title.get_window_extent()) for title in titles]
         overlapping = [a for (a, left), (_, right) in combinations(boxes, 2) if left.overlaps(right)]
         pages = (figure, *figure.subfigs)
-        headings = [
-            (text.get_text(), text.get_window_extent(), page.bbox) for page in pages for text in page.texts
-        ]
+        texts = [(text, page.bbox) for page in pages for text in page.texts]
+        headings = [(text.get_text(), text.get_window_extent(), box) for text, box in texts]
         return overlapping + [text for text, box, page in headings if box.x0 < page.x0 or box.x1 > page.x1]
 
     return find

@@ -51,10 +51,8 @@ def miss(metrics: Path, category: str) -> None:
 def marks(page: np.ndarray) -> list[tuple[bool, bool]]:
     """Of each of the two blocks, whether something of it is marked as found, and as missed."""
     middle = page.shape[1] // 2
-    return [
-        tuple(int((block == color).all(axis=-1).sum()) > 20 for color in (GREEN, RED))
-        for block in (page[:, :middle], page[:, middle:])
-    ]
+    blocks = page[:, :middle], page[:, middle:]
+    return [tuple(int((one == color).all(axis=-1).sum()) > 20 for color in (GREEN, RED)) for one in blocks]
 
 
 def test_what_was_found_is_on_the_left_and_what_was_missed_on_the_right_below_the_alarms(word_scene):
@@ -102,12 +100,10 @@ def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
     nothing = {name: np.zeros(shape, np.float32) for name, shape in shapes.items()}
     put(folder, "histories", nothing, made_from=["frames", "poses", "splats"])
     scored = read_document(score(folder, (*ARTIFACTS, "histories")), "metrics")
-    scene = open_scored(folder, recorded_options(scored["provenance"]["options"]), in_time=True)
+    options = recorded_options(scored["provenance"]["options"])
+    scene = open_scored(folder, options, in_time=True)
     assert len(list(ask_again(scored_queries(scored)[:1], scene, scored, folder / "metrics.json"))) == 1
-    assert (
-        scene.rests is not None
-        and open_scored(folder, recorded_options(scored["provenance"]["options"])).rests is None
-    )
+    assert scene.rests is not None and open_scored(folder, options).rests is None
 
 
 def test_without_a_query_the_page_says_so(word_scene, monkeypatch):
@@ -144,15 +140,9 @@ def test_scores_of_other_artifacts_are_rejected(word_scene):
 
 
 def test_the_best_were_found_and_the_worst_missed_and_a_category_is_shown_once():
-    queries = [
-        ScoredQuery(1, "sofa", 0.5, True, 0.5),
-        ScoredQuery(2, "sofa", 0.5, True, 0.7),
-        ScoredQuery(3, "sofa", 0.5, False, 0.0),
-        ScoredQuery(4, "cup", 0.5, False, 0.1),
-        ScoredQuery(5, "cup", 0.5, False, 0.2),
-        ScoredQuery(6, "lamp", 0.5, True, 0.8),
-        ScoredQuery(7, "rug", 0.5, False, 0.9),
-    ]
+    rows = [("sofa", True, 0.5), ("sofa", True, 0.7), ("sofa", False, 0.0), ("cup", False, 0.1)]
+    rows += [("cup", False, 0.2), ("lamp", True, 0.8), ("rug", False, 0.9)]
+    queries = [ScoredQuery(frame, name, 0.5, *rest) for frame, (name, *rest) in enumerate(rows, 1)]
     # The second best category has no room among one best: what was missed of it may be among the worst.
     for count, frames in ((3, ([6, 2], [4, 7])), (1, ([6], [3]))):
         assert tuple([one.frame for one in block] for block in best_and_worst(queries, count)) == frames

@@ -43,10 +43,8 @@ def test_the_steps_come_in_order_with_pictures_and_costs_and_what_is_absent_is_o
     assert page.count("data:image/webp") == 1, "one page is there"
     costs = re.findall(r"<tr><td>(\w+)</td>", page)
     assert costs == ["frames", "poses", "instances", "features", "splats", "language", "histories"]
-    assert all(
-        line in page
-        for line in ("All keys are set, so there is no survey", "Nothing is masked", "no annotations")
-    )
+    told = "All keys are set, so there is no survey", "Nothing is masked", "no annotations"
+    assert all(line in page for line in told)
     assert "there are no instances" not in page and "No moving object" not in page
 
 

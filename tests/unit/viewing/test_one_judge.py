@@ -58,18 +58,14 @@ def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
         assert reply["probability"] == pytest.approx(page["probability"], abs=1e-4)
         boxes = rerun_recording._boxes(SimpleNamespace(Boxes3D=dict), answer)
         np.testing.assert_array_equal(boxes["centers"], [thing.center for thing in answer.things])
+        assert boxes["labels"] == [f"{word} {thing.probability:.2f}" for thing in answer.things]
         if answer.refusal:
             with pytest.raises(UserError, match=word):
                 answer_members(scene, word)
         else:
             np.testing.assert_array_equal(answer_members(scene, word), np.sort(answer.things[0].members))
-    for phrase in (
-        "where is my couch, and the zeppelin?",
-        "coutch",
-        "cup next to the wall",
-        "what is on the wall",
-        " ",
-    ):
+    lists = "where is my couch, and the zeppelin?", "what is on the wall"
+    for phrase in (*lists, "coutch", "cup next to the wall", " "):
         asked = scene.ask(phrase)
         for one, reply in zip(asked, served(phrase=phrase)["answers"], strict=True):
             assert (reply["asked"], reply["grade"], reply["refusal"]) == (one.asked, one.grade, one.refusal)
