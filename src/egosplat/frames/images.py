@@ -182,7 +182,7 @@ def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray
         if image.mode not in _EIGHT_BIT:
             raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
         # Not by ``ImageOps.exif_transpose``, which writes the EXIF anew, and fails where a tag is damaged.
-        turn = _TURNS.get(image.getexif().get(_ORIENTATION_TAG)) if turned else None
+        turn = _TURNS.get(image.getexif().get(_ORIENTATION_TAG, 1)) if turned else None
         upright = image if turn is None else image.transpose(turn)
         return np.array(upright.convert("RGBA" if alpha else "RGB"))
 

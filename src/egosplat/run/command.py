@@ -51,7 +51,8 @@ def make_scene(
             )
     given = dict(pair.split("=", 1) for pair in options)
     unpacked = Path("results") / dataset / scene_name / "recording"
-    found = read_source(source, unpacked, given.get("frames.known_poses", config["frames"]["known_poses"]))
+    chosen = given.get("frames.known_poses") or config["frames"]["known_poses"]
+    found = read_source(source, unpacked, chosen)
     keys = {**found.options, **given}
     row = {"dataset": dataset, "scene": scene_name, "format": found.format, "recording": str(found.path)}
     row["options"] = " ".join(f"{key}={value}" for key, value in keys.items())
