@@ -374,7 +374,7 @@ def test_instances_have_colors_and_the_words_are_suggested(scene, clip):
     options = tab.eval_on_selector_all("#vocabulary option", "all => all.map(one => one.value)")
     assert options == list(words_to_try(clip))
     tab.evaluate("words.value = 'couch'; words.dispatchEvent(new Event('input'))")  # a choice in Chromium
-    tab.locator("#answer", has_text='"couch": found').wait_for()
+    tab.locator("#answer", has_text='"couch": found').wait_for(state="attached")
 
 
 def test_cameras_show_where_photographs_were_taken(scene):
