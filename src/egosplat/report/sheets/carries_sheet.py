@@ -1,4 +1,4 @@
-"""Draw what is carried on one page: from where to where, when, and the frame that shows it best."""
+"""Draw what moves from place to place on one page: from where to where, when, and the frame that shows it best."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -54,10 +54,10 @@ def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact
     if count:
         _draw_times(beside[0], spans, times[-1], colors, drawn)
         _draw_photographs(parts[1], frames, histories, spans, colors, longest)
-    told = f"something was carried {count} times" if count else "nothing was carried from place to place"
+    told = f"movements of objects, hands or people: {count}" if count else "nothing moved from place to place"
     told += f", of which the {CARRIES} longest are drawn" if count > CARRIES else ""
     told += f"; {histories.facts['tracks']} moving objects were tracked; origin {histories.origin}"
-    return figure, told + ("\nEach time has one number and one color in all charts." if count else "")
+    return figure, told + ("\nEach movement has one number and one color in all charts." if count else "")
 
 
 def _draw_from_above(
@@ -80,7 +80,7 @@ def _draw_from_above(
         box = {"facecolor": "white", "edgecolor": color, "pad": 0.5}
         # Names move apart by their letters: spaces keep their frames apart, too.
         add_name(axes, x, y, f" {index + 1} ", color="black", bbox=box, zorder=4)
-    unit, title = length_unit(poses), "From above: from where to where objects were carried"
+    unit, title = length_unit(poses), "From above: from where to where they moved"
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
 
 
@@ -88,7 +88,7 @@ def _draw_times(axes: Axes, spans: Array, last: float, colors: Array, drawn: Ind
     """Draw a bar for each carry that is drawn, from its first to its last frame."""
     places, spans = np.arange(1, len(drawn) + 1), spans[drawn]
     axes.barh(places, np.ptp(spans, axis=1), left=spans[:, 0], color=colors[drawn], height=0.7, zorder=2)
-    axes.set(title="When it was carried", xlabel="time [min:s]", ylim=(len(drawn) + 0.6, 0.4), xlim=(0, last))
+    axes.set(title="When they moved", xlabel="time [min:s]", ylim=(len(drawn) + 0.6, 0.4), xlim=(0, last))
     axes.set_yticks(places, [str(index + 1) for index in drawn])
     axes.xaxis.set_major_locator(
         MultipleLocator(next((tick for tick in TICKS if last <= 10 * tick), TICKS[-1]))
