@@ -59,8 +59,9 @@ def run(
 
 def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
     records = [_record(scene, thing) for thing in things]
+    columns = None if records else ["name", "also", "answer", "origin", "unit"]
     if output.suffix:
-        write_text(output, pd.DataFrame(records).convert_dtypes().to_csv(index=False))
+        write_text(output, pd.DataFrame(records, columns=columns).convert_dtypes().to_csv(index=False))
     else:
         gaussians = scene.gaussians.to(torch.device("cpu"))
         with atomic_directory(output) as folder:
@@ -69,7 +70,7 @@ def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
                     record["file"] = f"{number:02d}_{answer.phrase.replace(' ', '_')}.ply"
                     columns = geometry_columns(gaussians.select(torch.from_numpy(thing.members)))
                     write_ply(folder / record["file"], columns, scene.origin)
-            pd.DataFrame(records).convert_dtypes().to_csv(folder / "things.csv", index=False)
+            pd.DataFrame(records, columns=columns).convert_dtypes().to_csv(folder / "things.csv", index=False)
 
 
 def _record(scene: Scene, answer: Answer) -> dict[str, Any]:
