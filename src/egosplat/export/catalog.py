@@ -68,8 +68,8 @@ def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
             for number, (answer, record) in enumerate(zip(things, records, strict=True), 1):
                 for thing in answer.things:
                     record["file"] = f"{number:02d}_{answer.phrase.replace(' ', '_')}.ply"
-                    columns = geometry_columns(gaussians.select(torch.from_numpy(thing.members)))
-                    write_ply(folder / record["file"], columns, scene.origin)
+                    chosen = gaussians.select(torch.from_numpy(thing.members))
+                    write_ply(folder / record["file"], geometry_columns(chosen), scene.origin)
             pd.DataFrame(records, columns=columns).convert_dtypes().to_csv(folder / "things.csv", index=False)
 
 

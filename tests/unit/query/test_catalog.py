@@ -62,7 +62,8 @@ def test_the_table_and_its_files_tell_of_each_thing(page_scene, tmp_path, run_co
     assert rows.carried[3] == carried.history[0].told and rows.size_x.isna().tolist() == [False] * 3 + [True]
     assert call("--output", tmp_path / "x.json")[0] == call("--output", tmp_path / "x")[0] == 0
     assert (document := json.loads((tmp_path / "x.json").read_text())) == json.loads(call("--json")[1])
-    assert [one["phrase"] for one in document] == [*rows.name] and (tmp_path / "x/things.csv").is_file()
+    names = [*pd.read_csv(tmp_path / "x/things.csv").name]
+    assert [one["phrase"] for one in document] == [*rows.name] == names
     clouds = sorted(len(trimesh.load(path).vertices) for path in (tmp_path / "x").glob("*.ply"))
     assert clouds == sorted(len(answer.things[0].members) for answer in (cup, couch, wall))
     for name in ("x.txt", "x.csv", "x"):

@@ -92,9 +92,8 @@ def test_photographs_show_the_longest_first_in_the_frames_that_show_most(page, u
 
 def test_the_title_counts_carries_and_a_scene_without_any_is_shown(page):
     title = page([3], [8]).get_suptitle().partition("\n")[0]
-    assert title.startswith("mine/kitchen: movements of objects, hands or people: 1") and title.endswith(
-        "origin real"
-    )
+    told = "mine/kitchen: movements of objects, hands or people: 1"
+    assert title.startswith(told) and title.endswith("origin real")
     figure = page([], [])
     assert "nothing moved" in figure.get_suptitle() and "origin real" in figure.get_suptitle()
     (above,) = figure.get_axes()
