@@ -40,8 +40,10 @@ from egosplat.errors import UserError
 from egosplat.pipeline.variants import variant_folder
 from egosplat_rivals.scored_scenes import FULL, ScoredScene
 
-# Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
+# Methods whose codes are also asked by pixels.
 BY_PIXELS = ("occam", "semantic_gaussians", "gags", "langsplat", "langsplat2", "splat_feature_solver")
+
+# Variant of each setting, None for the scene's own: one that the workflow knows, or one of CONFIGURATION.
 SETTINGS: dict[str, str | None] = {
     FULL: None,
     "full_pixels": "pixels",

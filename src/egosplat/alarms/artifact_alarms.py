@@ -48,8 +48,9 @@ def find_chance_alarm(score: Mapping[str, Any]) -> list[Alarm]:
     """An alarm if the accuracy's lower bound is not above the best answer that ignores the scene; from a group of scores."""
     lowest = score["accuracy_interval"] and score["accuracy_interval"][0]
     chance = max(score["random_pixel"], score["middle_pixel"])
-    is_above = lowest is None or lowest > chance
-    return [] if is_above else [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
+    if lowest is None or lowest > chance:
+        return []
+    return [Alarm("metrics.chance", {"value": lowest, "limit": chance})]
 
 
 def _made_with(row: AlarmRow, artifact: Artifact) -> Figures:

@@ -17,7 +17,7 @@ from egosplat.pipeline.home import OWN_FITS
 from egosplat.query.answers import Answer, Evidence, Thing, ViewMatch
 from egosplat.query.options import HELD, QueryOptions
 from egosplat.query.relevancy import relevancy
-from egosplat.query.text import CARRIED, Texts, other_meanings
+from egosplat.query.text import CARRIED, Texts, nearest_word, other_meanings
 
 # Words of a query that are not known, and what is told of them, as of ``text.explain_untaught``.
 Unknown = tuple[tuple[str, ...], str | None]
@@ -178,12 +178,11 @@ def find_history(histories: Histories, query: Texts, words: Texts, temperature: 
     No word with another meaning, of what people carry, fits it better, and the query fits it as well as every canonical
     phrase. What stays has no carries; ``words`` are names of things, of which those of what people carry compete.
     """
-    own = query.queries[0]
-    carried = torch.tensor([word in CARRIED for word in words.phrases])
-    if not histories.things or not words.phrases or not carried[(words.queries @ own).argmax()]:
+    if not histories.things or nearest_word(query, words) not in CARRIED:
         return ()
+    carried = torch.tensor([word in CARRIED for word in words.phrases])
     features, others = histories.features, words.queries[carried & other_meanings(query, words)]
-    unnamed = fits_as_well(features, own, others)
+    unnamed = fits_as_well(features, query.queries[0], others)
     scores = relevancy(features, query, temperature)[:, 0]
     score, best = scores.masked_fill(unnamed, 0.0).max(dim=0)
     if not score > LEAST_FIT:

@@ -15,7 +15,7 @@ from egosplat.query.grades import FOUND, LEAST_FIT, Evidence, Grading, fits_as_w
 from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy
-from egosplat.query.text import STAYING, WORDS, Texts, other_meanings
+from egosplat.query.text import STAYING, WORDS, Texts, nearest_word, other_meanings
 
 # Arms come from outside: this share of their masks, of so many at least, reaches the edge of what the camera shows.
 _AT_EDGE, _LEAST_VIEWS = 0.8, 15
@@ -73,10 +73,8 @@ class Tracks:
         None unless these are certain. ``seconds`` are the (F,) times of the frames."""
         if query.phrases[0].lower() in WORDS["wearer"] and self.worn.any():
             return self._moving(self.worn, None, seconds)
-        if not words.phrases:
-            return None
-        meant = words.phrases[int((words.queries @ query.queries[0]).argmax())]
-        if meant in STAYING and meant not in WORDS["wearer"]:
+        meant = nearest_word(query, words)
+        if meant is None or (meant in STAYING and meant not in WORDS["wearer"]):
             return None
         others = words.queries[other_meanings(query, words)]
         fits = relevancy(self.feature, query, options.temperature)[:, 0].numpy().astype(np.float64)

@@ -70,6 +70,11 @@ def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) 
     return Texts(tuple(phrases), encode_phrases(clip, phrases), _encode_again(clip, options.canonical))
 
 
+def nearest_word(query: Texts, words: Texts) -> str | None:
+    """The word that fits the one query best; None without words."""
+    return words.phrases[int((words.queries @ query.queries[0]).argmax())] if words.phrases else None
+
+
 def other_meanings(query: Texts, words: Texts, nearest: int = 0) -> Tensor:
     """(W,) bool, the words that name something else than the one query: no synonym, of which there are as many as are ``nearest`` at most,
     or any number for 0; no kind of it, nor what it is a kind of, as "table" for "side table", and no part of these."""
