@@ -6,7 +6,7 @@ from pathlib import Path
 from egosplat.doctor.findings import Finding, Mark, machine_findings, tried
 from egosplat.errors import UserError, without_secrets
 from egosplat.files import expand_home
-from egosplat.models.checkpoints import CLIP, FETCH, SAM2, ModelSpec, find_checkpoint, model_hash
+from egosplat.models.checkpoints import CLIP, SAM2, ModelSpec, find_checkpoint, how_to_fetch, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, LayeredConfig, merge, read_yaml, resolve, stage_values
 from egosplat.pipeline.home import CONFIG, PRESETS, find_home
@@ -123,7 +123,7 @@ def _model(model: ModelSpec, config: Config, what: str) -> Finding:
 
 def _encoder(path: Path) -> str:
     if not path.is_file():
-        raise UserError(f"transient.encoder_weights: there is no file {path}\n{FETCH}")
+        raise UserError(f"transient.encoder_weights: there is no file {path}\n{how_to_fetch(path)}")
     return f"{path}, {_size(path)}"
 
 

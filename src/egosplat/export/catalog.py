@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import pandas as pd
@@ -38,29 +39,28 @@ def run(
     check_scene_folder(folder, ASKED)
     scene = open_scene(folder, options)
     things, grading = catalog(scene), scene.grading()
-    document = [describe(scene, one) for one in things]
     header = f"thing,answer,{grading.measure},level,center [{scene.unit}],size [{scene.unit}],frame"
     rows = [tuple(header.split(","))]
     for thing in things:
         rows += answer_rows(replace(thing, phrase=" or ".join([thing.phrase, *thing.also])), grading)
-    rows += [] if things else [(f"nothing is a best guess or found; for words, egosplat query {folder} cup",)]
+    told = f"nothing is a best guess or found; for words, egosplat query {quote(str(folder))} cup"
+    rows += [] if things else [(told,)]
     notice = notice_of_artifacts(scene.made_from.found.values())
     table = "\n".join(filter(None, [f"{folder}, origin {scene.origin}", notice, align_rows(rows)]))
-    yield json.dumps(document, indent=1) if as_json else table
+    yield json.dumps([describe(scene, one) for one in things], indent=1) if as_json else table
     if (carried := carried_table(things, scene.unit, None)) and not as_json:
         yield f"\n{carried}"
     if output is not None:
-        if output.suffix.lower() == ".json":
-            write_json(output, document)
-        else:
-            _write(scene, things, output)
+        _write(scene, things, output)
         log(f"{output}: {len(things)} things")
 
 
 def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
     records = [_record(scene, thing) for thing in things]
     columns = None if records else ["name", "also", "answer", "origin", "unit"]
-    if output.suffix:
+    if output.suffix.lower() == ".json":
+        write_json(output, [describe(scene, one) for one in things])
+    elif output.suffix:
         write_text(output, pd.DataFrame(records, columns=columns).convert_dtypes().to_csv(index=False))
     else:
         gaussians = scene.gaussians.to(torch.device("cpu"))

@@ -6,6 +6,7 @@ import functools
 import hashlib
 import importlib.util
 import os
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home
+from egosplat.pipeline.model_sets import CATALOGUE
 
 # The configuration's values for the bundled models, and for words of photographs.
 SMALL, PHOTOS = "small", "photos"
@@ -26,9 +28,6 @@ CLIP_CONFIG, CLIP_VOCABULARY, CLIP_WORDS = "open_clip_config.json", "bpe.txt.gz"
 
 # Replaces the hash of a missing model, so that only the stage that needs it reports the error.
 MISSING = "missing"
-
-# Advice for a missing file. The command takes the same --config and --configfile as the doctor.
-FETCH = "Fetch published checkpoints with egosplat models download (egosplat models lists their addresses)"
 
 _OPEN_CLIP = "open_clip_torch"
 
@@ -77,17 +76,21 @@ def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
     key = model.checkpoint_key
     if model is CLIP and checkpoint == PHOTOS:
         return PHOTO_WEIGHTS.find()
-    if checkpoint == SMALL and not model.small.is_file():
-        raise UserError(
-            f"models.{key}: there is no small {model.name} checkpoint {model.small}.\n"
-            "It is part of egosplat: install egosplat again, or set the key to another file"
-        )
-    path = model.small if checkpoint == SMALL else expand_home(checkpoint)
+    if checkpoint == SMALL:
+        return _existing(model.small, f"models.{key}: the small {model.name}")
+    path = expand_home(checkpoint)
     if not os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
-        raise UserError(
-            f"models.{key}: there is no file {path}.\n{FETCH}, or set in config/config.yaml  models: {{{key}: PATH}}"
-        )
+        advice = f"Set in config/config.yaml  models: {{{key}: PATH}}. {how_to_fetch(path)}"
+        raise UserError(f"models.{key}: there is no file {path}.\n{advice}")
     return path
+
+
+def how_to_fetch(path: Path) -> str:
+    """Get the command that fetches a missing file, if it is published; else the one that lists what is."""
+    if all(model.file != path.name for model in CATALOGUE):
+        return "What is published: egosplat models --all"
+    words = ["egosplat", "models", "download", path.name, "--config", f"models.cache={path.parent}"]
+    return f"Fetch it: {shlex.join(words)}"
 
 
 def sam2_config_file(config: str) -> Path:
@@ -150,7 +153,7 @@ def _package(module: str, name: str) -> Path:
 
 def _existing(path: Path, key: str) -> Path:
     if not path.is_file():
-        raise UserError(f"{key}: there is no file {path}; put it there, or set the key to another model")
+        raise UserError(f"{key}: there is no file {path}; bring it back, or set the key to another model")
     return path
 
 
@@ -176,9 +179,8 @@ def model_hash(model: ModelSpec, models: Mapping[str, str]) -> str:
     checkpoint = find_checkpoint(model, models[model.checkpoint_key])
     # The weights alone do not determine the results: the architecture's files count, too.
     config = models[model.config_key]
-    return joint_hash(
-        [checkpoint, *([sam2_config_file(config)] if model is SAM2 else clip_config_files(config))]
-    )
+    files = [sam2_config_file(config)] if model is SAM2 else clip_config_files(config)
+    return joint_hash([checkpoint, *files])
 
 
 def model_hashes(config: Mapping[str, Any]) -> dict[str, str]:

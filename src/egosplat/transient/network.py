@@ -12,6 +12,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from egosplat.errors import UserError
+from egosplat.models.checkpoints import how_to_fetch
 from egosplat.models.weights import read_tensors
 from egosplat.models.without_compiler import without_compiler
 
@@ -97,10 +98,8 @@ def make_network(input_size: int, sideways: bool, encoder_weights: Path | None, 
 
 def _load_encoder(encoder: nn.Module, path: Path) -> None:
     if not path.is_file():
-        raise UserError(
-            f"transient.encoder_weights: no file {path}.\nFetch it with egosplat models download, put timm's {ENCODER} "
-            "there, or set the key to null"
-        )
+        told = f"transient.encoder_weights: no file {path}, for weights of timm's {ENCODER}"
+        raise UserError(f"{told}.\nSet the key to null. {how_to_fetch(path)}")
     # Published weights are of the whole classifier.
     given = {name: t for name, t in read_tensors(path).items() if not name.startswith(_CLASSIFIER)}
     try:

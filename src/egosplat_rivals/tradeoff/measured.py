@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Any
 
 import pandas as pd
@@ -61,7 +62,7 @@ def read_runs(metrics: Sequence[Path]) -> list[ScoredScene]:
         if lost := [name for name, entry in run.document["artifacts"].items() if entry is None]:
             raise UserError(
                 f"{run.path}: has no costs of {lost[0]}, which was missing.\n"
-                f"Delete it and run Snakemake again: rm {run.path}"
+                f"Delete it and run Snakemake again: rm {quote(str(run.path))}"
             )
     check_protocol(runs)
     return runs

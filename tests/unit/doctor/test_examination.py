@@ -74,12 +74,12 @@ DATA = "data_root.mine=data"
 @pytest.mark.parametrize(
     "files, option, what, mark, said",
     [
-        ({"clip.bin": None}, "", "OpenCLIP", MISSING, "there is no file clip.bin.*egosplat models download"),
+        ({"clip.bin": None}, "", "OpenCLIP", MISSING, "there is no file clip.bin.*egosplat models --all"),
         ({"clip.bin": None}, "", "SAM2", OK, ""),
         ({"sam2.pt": "rubbish"}, "", "SAM2", MISSING, " 7 bytes"),
         ({"sam2.pt": ""}, "", "SAM2", MISSING, " 0 bytes"),
         ({"clip.bin": "version https://git-lfs.github.com"}, "", "OpenCLIP", MISSING, "clip.bin: "),
-        ({}, ENCODER, "encoder", MISSING, "egosplat models download"),
+        ({}, ENCODER, "encoder", MISSING, "egosplat models --all"),
         ({}, ENCODER.replace("encoder.pt", "sam2.pt"), "encoder", OK, ""),
         ({}, "", "GPU", NOTE, ""),
         ({}, CUDA, "GPU", MISSING, "Set run.backend and run.device to auto"),

@@ -44,7 +44,7 @@ def test_a_missing_checkpoint_names_its_key_and_a_tilde_is_the_home_folder(tmp_p
         find_checkpoint(model, "~/none.pt")
     first, second = str(caught.value).splitlines()
     assert first == f"models.{model.checkpoint_key}: there is no file {tmp_path / 'none.pt'}."
-    assert "egosplat models download" in second and f"models: {{{model.checkpoint_key}: PATH}}" in second
+    assert "egosplat models --all" in second and f"models: {{{model.checkpoint_key}: PATH}}" in second
     (tmp_path / "none.pt").touch()
     assert find_checkpoint(model, "~/none.pt") == tmp_path / "none.pt"
     gone = replace(model, small=tmp_path / "model.safetensors")
