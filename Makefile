@@ -89,14 +89,15 @@ demo: install
 # DATA holds LERF-OVS; each step goes on where it was interrupted.
 DATA ?= data
 LERF := $(addprefix results/lerf/,figurines ramen teatime waldo_kitchen)
+USUAL := $(LERF:=/variants/usual)
 public: install
 	$(BIN)/egosplat models download --config models.set=published
 	$(BIN)/egosplat models download --config models.set=light
 	$(BIN)/python -m benchmarks.public --fetch $(DATA)
-	$(BIN)/snakemake --cores $(CORES) --resources gpu=1 --configfile $(DATA)/public.yaml -- $(foreach scene,$(LERF) $(LERF:=/variants/usual),$(scene)/metrics.json)
-	$(BIN)/python -m benchmarks.public $(LERF) $(LERF:=/variants/usual)
-	$(BIN)/python -m benchmarks.presence $(LERF) --fit
-	$(BIN)/python -m benchmarks.presence $(LERF:=/variants/usual) --fit
+	$(BIN)/snakemake --cores $(CORES) --resources gpu=1 --configfile $(DATA)/public.yaml -- $(foreach scene,$(LERF) $(USUAL) $(LERF:=/variants/asked) $(USUAL:=_asked),$(scene)/metrics.json)
+	$(BIN)/python -m benchmarks.public $(LERF) $(USUAL)
+	$(BIN)/python -m benchmarks.presence $(LERF:=/variants/asked) --fit
+	$(BIN)/python -m benchmarks.presence $(USUAL:=_asked) --fit
 
 # One process more than cores, because some tests wait for SLURM or a browser. One thread each. The longest files come first.
 # Compiled once, or each of the many processes compiles what it imports where PYTHONDONTWRITEBYTECODE is set. Rewriting asserts takes

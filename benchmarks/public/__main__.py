@@ -20,8 +20,10 @@ from benchmarks.public.boxes import write_3d_ovs, write_lerf
 from egosplat.files import read_json, write_text
 from egosplat.models.needed import Needed, download
 from egosplat.pipeline.general_options import SHIPPED
-from egosplat.pipeline.model_sets import LIGHT, PublishedModel
+from egosplat.pipeline.model_sets import DEFAULTS, LIGHT, PublishedModel
+from egosplat.query.options import QueryOptions
 from egosplat.run.sources import unpack
+from egosplat.transient.options import TransientOptions
 from egosplat_rivals.scored_scenes import FULL, ScoredScene, check_protocol, read_scored_scene
 
 PRINTED = Path(__file__).with_name("printed.csv")
@@ -60,11 +62,14 @@ def fetch(folder: Path) -> Path:
     download([Needed("", archive, "LERF-OVS", published=LERF_OVS)])
     labels = next(unpack(archive, folder / "lerf_ovs").rglob("label"))
     objects = (one for path in labels.rglob("frame_*.json") for one in read_json(path)["objects"])
+    # What a user gets who sets nothing; and a fit of grades holds for the keys of such queries alone.
+    usual = {"extends": "balanced", "models": {"set": LIGHT}, "transient": {"lr": TransientOptions().lr}}
+    usual["query"] = {"readout": QueryOptions().readout}
+    own = {"query": DEFAULTS[LIGHT]["query"] | {"box_filter": QueryOptions().box_filter}}
     settings = {
         "preset": "paper",
         "data_root": {"lerf": str(labels.parent.absolute())},
-        # What a user gets who sets nothing.
-        "variants": {"usual": {"extends": "balanced", "models": {"set": LIGHT}}},
+        "variants": {"usual": usual, "asked": own, "usual_asked": {"extends": "usual"} | own},
         # A thing of another scene is absent: grades are fitted to both.
         "formats": {"lerf": {"presence": {"negatives": sorted({one["category"] for one in objects})}}},
     }
@@ -94,10 +99,11 @@ def deviations(scene: ScoredScene) -> Iterator[str]:
     made: Mapping[str, object] = document["provenance"]["options"]
     frames = (document["artifacts"].get("frames.zarr") or {}).get("options", {})
     for section, keys in SHIPPED["formats"].get(document["recording"]["kind"], {}).items():
-        for key, value in keys.items():
+        # What is absent decides no score of a table.
+        for key, value in keys.items() if section != "presence" else ():
             found = (frames if section == "frames" else made).get(key)
             if found != value:
-                yield f"{scene.dataset}/{scene.scene}: {section}.{key} is {found}, in the protocol {value}"
+                yield f"{document['scene']}: {section}.{key} is {found}, in the protocol {value}"
 
 
 def _cell(accuracy: float | None, mean_iou: float | None) -> str:

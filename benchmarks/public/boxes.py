@@ -87,17 +87,13 @@ def write_lerf(root: Path, name: str = "boxes") -> Path:
 def write_3d_ovs(root: Path, name: str = "boxes") -> Path:
     """Write ``root/boxes/`` and return it. The sign counts as box: classes are what covers the picture."""
     _write_pictures(root / name, [f"{number:02d}.png" for number in range(PICTURES)])
-    labels = root / name / "segmentations"
+    labels, categories = root / name / "segmentations", np.array([plate.category for plate in PLATES])
+    categories[categories == "sign"] = "box"
     for place in LABELED:
-        _, shown = render(camera_x()[place])
-        (labels / f"{place:02d}").mkdir(parents=True)
-        category = np.array(["box" if plate.category == "sign" else plate.category for plate in PLATES])[
-            shown
-        ]
+        category = categories[render(camera_x()[place])[1]]
+        (folder := labels / f"{place:02d}").mkdir(parents=True)
         for each in CLASSES:
-            Image.fromarray((category == each).astype(np.uint8) * 255).save(
-                labels / f"{place:02d}" / f"{each}.png"
-            )
+            Image.fromarray((category == each).astype(np.uint8) * 255).save(folder / f"{each}.png")
     (labels / "classes.txt").write_text("\n".join(reversed(CLASSES)) + "\n")
     return root / name
 
@@ -105,7 +101,7 @@ def write_3d_ovs(root: Path, name: str = "boxes") -> Path:
 def _write_pictures(folder: Path, names: Sequence[str]) -> None:
     """Write ``images/`` and a COLMAP model of them with points."""
     (folder / "images").mkdir(parents=True)
-    (folder / "sparse" / "0").mkdir(parents=True)
+    (model := folder / "sparse" / "0").mkdir(parents=True)
     for name, x in zip(names, camera_x(), strict=True):
         Image.fromarray(render(x)[0]).save(folder / "images" / name)
     points = np.array([*_points()])
@@ -116,10 +112,8 @@ def _write_pictures(folder: Path, names: Sequence[str]) -> None:
             track.append(f"{number} {place}")
         observed = " ".join(f"{u} {v} {place + 1}" for place, (u, v) in enumerate(seen))
         images.append(f"{number} 1 0 0 0 {-x} 0 0 1 {name}\n{observed}\n")
-    model = folder / "sparse" / "0"
-    (model / "cameras.txt").write_text(
-        f"1 PINHOLE {WIDTH} {HEIGHT} {FOCAL} {FOCAL} {WIDTH / 2} {HEIGHT / 2}\n"
-    )
+    camera = f"1 PINHOLE {WIDTH} {HEIGHT} {FOCAL} {FOCAL} {WIDTH / 2} {HEIGHT / 2}\n"
+    (model / "cameras.txt").write_text(camera)
     (model / "images.txt").write_text("".join(images))
     rows = (
         f"{place + 1} {x} {y} {z} 128 128 128 0.5 {' '.join(track)}\n"

@@ -10,9 +10,8 @@ OpenGaussian's transforms_train.json and transforms_test.json. A vertex takes th
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -39,11 +38,8 @@ _NUMBERS = (*range(1, 13), 14, 16, 24, 28, 33, 34, 36)
 CLASSES = dict(zip(_NAMES.replace("\n", " ").split(", "), _NUMBERS, strict=True))
 _NOT_IN_15 = ("picture", "refrigerator", "shower curtain", "bathtub")
 _NOT_IN_10 = (*_NOT_IN_15, "cabinet", "counter", "desk", "curtain", "sink")
-SETS = {
-    19: tuple(CLASSES),
-    15: tuple(name for name in CLASSES if name not in _NOT_IN_15),
-    10: tuple(name for name in CLASSES if name not in _NOT_IN_10),
-}
+_LEFT_OUT = {19: (), 15: _NOT_IN_15, 10: _NOT_IN_10}
+SETS = {count: tuple(name for name in CLASSES if name not in out) for count, out in _LEFT_OUT.items()}
 
 # Gaussians below this opacity are no surface.
 OPAQUE = 0.1
@@ -56,8 +52,7 @@ PRINTED = (
 )
 
 
-@dataclass(frozen=True)
-class Score:
+class Score(NamedTuple):
     """Means over the classes that a scene has, 0..1."""
 
     mean_iou: float
@@ -88,9 +83,8 @@ def read_labels(path: Path) -> tuple[NDArray[np.float64], Labels]:
     table = read_vertices(path)
     if not {"x", "y", "z", "label"} <= set(table.dtype.names):
         raise UserError(f"{path}: its vertices have no label; give scene0000_00_vh_clean_2.labels.ply")
-    return np.stack([table[axis] for axis in "xyz"], axis=1).astype(np.float64), table["label"].astype(
-        np.int64
-    )
+    places = np.stack([table[axis] for axis in "xyz"], axis=1)
+    return places.astype(np.float64), table["label"].astype(np.int64)
 
 
 def similarities(scene: Scene, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
@@ -129,9 +123,7 @@ def prepare(scan: Path, every: int) -> Path:
     target = scan / "transforms.json"
     if target.exists():
         raise UserError(f"{target}: is there already; remove it to prepare the scan again")
-    splits = [
-        path for path in (scan / f"transforms_{name}.json" for name in ("train", "test")) if path.exists()
-    ]
+    splits = [path for name in ("train", "test") if (path := scan / f"transforms_{name}.json").exists()]
     document = _merged(scan, splits) if splits else _exported(scan, every)
     points = next(iter([*scan.glob("points3d.ply"), *scan.glob("*_vh_clean_2.ply")]), None)
     if points is not None:
@@ -160,9 +152,7 @@ def _exported(scan: Path, every: int) -> dict[str, Any]:
     pictures = sorted((scan / "color").glob("*.jpg"), key=lambda path: (len(path.stem), path.stem))
     intrinsic = scan / "intrinsic" / "intrinsic_color.txt"
     if not pictures or not intrinsic.is_file():
-        raise UserError(
-            f"{scan}: has no color/*.jpg with intrinsic/intrinsic_color.txt; export the .sens file"
-        )
+        raise UserError(f"{scan}: lacks color/*.jpg or intrinsic/intrinsic_color.txt; export the .sens file")
     width, height = Image.open(pictures[0]).size
     matrix = _matrix(intrinsic)
     if not 0.25 < matrix[0, 2] / width < 0.75:

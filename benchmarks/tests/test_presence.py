@@ -85,13 +85,16 @@ def test_a_fit_is_read_as_it_was_written(tmp_path, monkeypatch):
     (tmp_path / "fits.csv").write_text("clip\n")
     for module in (page, calibration):
         monkeypatch.setattr(module, "FITS", tmp_path / "fits.csv")
-    rows = page.asked_of(some_rows())
+    few = page.asked_of(some_rows())
+    rows = pd.concat([few, few])
     own = float((rows["present"] == 1).mean())
     options = QueryOptions(present_share=own)
     monkeypatch.setattr(page, "recorded_options", lambda _: options)
     for clip in ("other", "cafe"):
         document = {"models": {"clip_checkpoint": {"hash": clip}}, "provenance": {"options": {}}}
         page.write_fits([SimpleNamespace(document=document)] * 2, rows)
+    with pytest.raises(UserError, match=f"{SCENES[0]}.* 4 absent; give 20"):
+        page.write_fits([SimpleNamespace(document=document)] * 2, few)
     assert set(read_fits()) == {"other", "cafe"} and calibration.is_contested("cafe", read_fits())
     found = grading_of("cafe", options).calibration
     expected = fit_logistic(rows[[*EVIDENCE]].to_numpy(float), rows["true"].to_numpy())

@@ -12,10 +12,12 @@ from benchmarks.common import ROOT
 from benchmarks.public import __main__ as public
 from benchmarks.public.__main__ import PRINTED, TABLES, deviations, main, own_row, printed_rows
 from benchmarks.public.boxes import write_lerf
-from egosplat.pipeline.config import resolve
+from egosplat.evaluation.options import recorded_options
+from egosplat.pipeline.config import resolve, stage_values
 from egosplat.pipeline.general_options import SHIPPED
-from egosplat.pipeline.scenes import read_scenes
 from egosplat.pipeline.strict_yaml import read_yaml
+from egosplat.pipeline.variants import read_scenes_with_presets, scene_config
+from egosplat.query.grades import held_keys
 from egosplat_rivals.scored_scenes import ScoredScene
 from tests.support.hub import Hub
 
@@ -27,6 +29,7 @@ def scored(kind: str, scene: str, iou: float, **options: object) -> ScoredScene:
     made = {key: value for keys in protocol.values() for key, value in keys.items()}
     score = {"accuracy": 0.5, "accuracy_interval": None, "mean_iou": iou, "mean_iou_interval": None}
     document = {
+        "scene": f"{kind}/{scene}",
         "origin": "real",
         "recording": {"kind": kind},
         "provenance": {"options": made},
@@ -73,11 +76,15 @@ def test_lerf_ovs_is_fetched_with_settings_that_plan_its_scenes(tmp_path, monkey
     with Hub(content, monkeypatch, tmp_path / "hub") as hub:
         done = CliRunner().invoke(main, ["--fetch", str(tmp_path / "data")], catch_exceptions=False)
         assert hub.requests == [known.address] and "/datasets/Qmh/lerf_ovs/resolve/dd69" in known.address
-    scene = read_scenes(resolve(read_yaml(Path(done.stdout.strip())), ROOT / "config/presets"))[
-        "lerf", "ramen"
-    ]
-    assert scene.recording.is_dir() and scene.config["variants"]["usual"]["models"] == {"set": "light"}
-    assert [*scene.config["presence"]["negatives"]] == ["box", "mug", "sign"]
+    presets, keys = ROOT / "config/presets", read_yaml(Path(done.stdout.strip()))
+    scene = read_scenes_with_presets(resolve(keys, presets), presets)["lerf", "ramen"]
+    assert scene.recording.is_dir() and [*scene.config["presence"]["negatives"]] == ["box", "mug", "sign"]
+    # A fit holds for scenes of users, whose queries have no protocol.
+    for variant, own in {"asked": {"preset": "paper"}, "usual_asked": {"models": {"set": "light"}}}.items():
+        configs = scene_config(scene, variant), resolve(own, presets)
+        assert len({(one["models"]["set"], one["transient"]["lr"]) for one in configs}) == 1
+        fitted, asked = (recorded_options(stage_values("metrics", one)) for one in configs)
+        assert held_keys(fitted) == held_keys(asked) and fitted.readout == asked.readout
 
 
 def test_a_key_that_differs_from_the_protocol_is_named():

@@ -1,7 +1,6 @@
 """Fit the probability that an answer is right; by judgements of a user with ``egosplat calibrate``."""
 
 import csv
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import astuple
 from pathlib import Path
@@ -49,10 +48,16 @@ def errors(present: Array, right: Array) -> tuple[float, float]:
 
 def write_fit(
     path: Path, about: tuple[str, QueryOptions, str], evidence: Array, right: Array, present: Array
-) -> None:
+) -> str:
     """Write a fit into a file of fits, in place of the last one of its OpenCLIP; ``about`` is that, the options
-    and the scenes. Answers have (N, 4) evidence; 1 are those that are right, and those whose thing is there."""
+    and where it is from. Answers have (N, 4) evidence; 1 are those that are right, and those whose thing is there. Returns their
+    numbers in words (UserError: they are too few)."""
     clip, options, scenes = about
+    count = [int(each.sum()) for each in (right, present - right, 1 - present)]
+    told = ", ".join(f"{number} {kind}" for number, kind in zip(count, KINDS, strict=True))
+    if len(right) < LEAST or min(count[0], count[2]) < LEAST_OF_A_KIND:
+        least = f"give {LEAST} or more, {LEAST_OF_A_KIND} of them right and {LEAST_OF_A_KIND} absent"
+        raise UserError(f"{scenes}: judges {len(right)} phrases that have an answer, {told}; {least}")
     names = ("intercept", *Evidence.__dataclass_fields__, "present_share", "misplaced")
     values = (*fit_logistic(evidence, right), *errors(present, right))
     numbers = {name: f"{value:.4f}" for name, value in zip(names, values, strict=True)}
@@ -60,6 +65,7 @@ def write_fit(
     row["contested"] = "yes" if is_contested(clip, read_fits()) else ""
     rows = (read_fits(path) if path.exists() else {}) | {clip: row}
     write_text(path, pd.DataFrame([*rows.values()]).to_csv(index=False))
+    return told
 
 
 def run(scene: Scene, labels: Path) -> Iterator[str]:
@@ -68,15 +74,9 @@ def run(scene: Scene, labels: Path) -> Iterator[str]:
     judged = read_labels(labels)
     answers = [one for one in scene.answers(judged) if one.candidates and not one.untaught]
     kinds = np.array([judged[one.phrase] for one in answers])
-    count = Counter(kinds.tolist())
-    told = ", ".join(f"{count[kind]} {kind}" for kind in KINDS)
-    if len(kinds) < LEAST or min(count["right"], count["absent"]) < LEAST_OF_A_KIND:
-        least = f"give {LEAST} or more, {LEAST_OF_A_KIND} of them right and {LEAST_OF_A_KIND} absent"
-        raise UserError(f"{labels}: judges {len(kinds)} phrases that have an answer, {told}; {least}")
-    path, about = scene.folder / OWN_FITS, (scene.encoded.facts["clip"]["hash"], scene.options, "own")
-    measured = (one.candidates[0].evidence for one in answers)
-    evidence = np.array([astuple(one) for one in measured if one])
-    write_fit(path, about, evidence, (kinds == "right").astype(float), (kinds != "absent").astype(float))
+    path, about = scene.folder / OWN_FITS, (scene.encoded.facts["clip"]["hash"], scene.options, str(labels))
+    evidence = np.array([astuple(one) for each in answers if (one := each.candidates[0].evidence)])
+    told = write_fit(path, about, evidence, (kinds == "right").astype(int), (kinds != "absent").astype(int))
     yield f"{path}: fitted to {told}"
     yield "Queries take it from now on, the page when it is written anew, other scenes of this OpenCLIP with a copy."
 
