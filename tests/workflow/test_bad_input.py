@@ -5,6 +5,7 @@ import re
 import shlex
 import shutil
 import subprocess
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -50,10 +51,6 @@ def finish() -> None:
     SCENE.rename(MINE)
 
 
-def hurt() -> None:
-    flip(CODES / "code/c.0.0.0", -6)
-
-
 CLEAR, HUGE = Image.new("RGBA", (8, 6)), Image.new("1", (2**14, 2**14 + 1))
 CHECK, RUN, OWN = f"egosplat check '{HOME}'", f"egosplat run '{PHOTOS}'", "egosplat run 'my photos'"
 MODELS = "egosplat models --config models.set=light --config 'models.cache=my cache'"
@@ -61,6 +58,7 @@ STORY = f"egosplat story '{HOME}/queries.png' --title x --output x.html"
 CODES, FRAMES = HOME / "language.zarr", HOME / "frames.zarr"
 WORKFLOW, UP = ROOT / "workflow", {"up": np.array([0.0, 2.0, 0.0])}
 PLAN = f"cd 'my work' && snakemake -s '{WORKFLOW / 'Snakefile'}' --cores 1 results/mine/desk/frames.zarr"
+hurt = partial(flip, CODES / "code/c.0.0.0", -6)
 SCORES, PICTURE = HOME / "metrics.json", PHOTOS / "0.png"
 PRINTED = [
     # What happens, what tells of it, the command in the text, and what that prints: of a plan a rule.

@@ -121,10 +121,8 @@ def clip_folder(model: str) -> Path | None:
     if model in names:
         return None
     if model.startswith("hf-hub:"):
-        raise UserError(
-            f"models.clip_model = {model!r}: stages download nothing. Download that repository's "
-            f"{CLIP_CONFIG} and checkpoint, and set the key to their folder"
-        )
+        advice = f"Download that repository's {CLIP_CONFIG} and checkpoint, and set the key to their folder"
+        raise UserError(f"models.clip_model = {model!r}: stages download nothing. {advice}")
     folder = SMALL_CLIP if model == SMALL else expand_home(model.removeprefix("local-dir:"))
     if os.path.isdir(folder):  # Path.is_dir raises for some strings, such as too long ones
         return _existing(folder / CLIP_CONFIG, "models.clip_model").parent

@@ -101,12 +101,8 @@ def _entry(file: Needed) -> str:
         rows["its SHA-256"] = digest
     if digest and not model:
         rows["size"] = f"{file.path.stat().st_size / 1e6:,.1f} MB"
-    return "\n".join(
-        [
-            f"{file.key}: {file.name}".removeprefix(": "),
-            *(f"  {what:<13}{text}" for what, text in rows.items()),
-        ]
-    )
+    head = f"{file.key}: {file.name}".removeprefix(": ")
+    return "\n".join([head, *(f"  {what:<13}{text}" for what, text in rows.items())])
 
 
 def download(files: Sequence[Needed]) -> None:

@@ -42,6 +42,12 @@ def known_poses(recording: Path, facts: Mapping[str, Any], options: PosesOptions
     near = known.point_error_px * (camera.width / pinhole.width) <= MAX_ERROR_PX
     kept = finite & near & ((known.point_views >= MIN_TRACK_LENGTH) | ~known.point_views.any())
     points, up = known.points[kept] * scale, mean_camera_up(camera_to_world[registered])
+    looks, centers = camera_to_world[registered, :3, 2:].transpose(2, 0, 1)
+    some = points[:: len(points) // 2000 + 1]
+    if len(some) and (some @ looks.T > (looks * centers).sum(axis=1)).any(axis=1).mean() < 0.5:
+        # As of poses in other axes, which the triangulation of other points tells.
+        log(f"{path}: leaves out its points, most of which lie behind every camera")
+        points, kept = points[:0], []
     notes = {
         "source": "known",
         "file": str(path.relative_to(recording.parent)),

@@ -105,10 +105,10 @@ def _load_encoder(encoder: nn.Module, path: Path) -> None:
     try:
         encoder.load_state_dict(given)
     except RuntimeError:
-        raise UserError(
-            f"{path}: not the architecture of timm's {ENCODER}. "
-            "Use its weights as transient.encoder_weights, or set the key to null"
-        ) from None
+        told = (
+            f"{path}: is not of timm's {ENCODER}; take its weights, or set transient.encoder_weights to null"
+        )
+        raise UserError(told) from None
 
 
 def _block(channels: int, width: int) -> nn.Sequential:

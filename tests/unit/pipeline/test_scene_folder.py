@@ -29,10 +29,7 @@ def folder(tmp_path, monkeypatch):
     "given, said",
     [
         ("README.md", "README.md: is a file; give the folder of a scene"),
-        (
-            "photos",
-            "lacks frames.zarr, poses.zarr, features.zarr, splats.zarr, language.zarr. Give the folder",
-        ),
+        ("photos", "features.zarr, splats.zarr, language.zarr. Give the folder"),
         ("nowhere", "nowhere: does not exist. Give the folder"),
         (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
         (f"{SCENE}/variants/accurate", "does not exist. Make the variant: "),

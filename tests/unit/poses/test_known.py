@@ -72,13 +72,17 @@ def test_pictures_without_a_pose_are_told_and_left_out(recording, capsys):
         run(recording, {}, min_registered=0.9)
 
 
-def test_without_points_and_features_an_alarm_tells_it(recording, capsys):
-    model = pycolmap.Reconstruction(recording / "colmap")
-    for number in [*model.points3D]:
+@pytest.mark.parametrize("behind", [False, True])
+def test_without_points_before_cameras_and_features_an_alarm_tells_it(recording, capsys, behind):
+    model, turn = pycolmap.Reconstruction(recording / "colmap"), pycolmap.Rotation3d([1.0, 0.0, 0.0, 0.0])
+    for image in model.images.values() if behind else ():
+        image.frame.rig_from_world = pycolmap.Rigid3d(turn, np.zeros(3)) * image.frame.rig_from_world
+    for number in () if behind else [*model.points3D]:
         model.delete_point3D(number)
     model.write_binary(recording / "colmap")
     _, poses = run(recording, {})
-    assert poses.shape("points/xyz")[0] == 0 and "texture" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "texture" in told and ("behind every" in told) == behind and not len(poses.read("points/xyz"))
     assert [alarm.key for alarm in alarms_of(poses)][-1] == "poses.points"
 
 
