@@ -22,10 +22,10 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     training diverges)."""
     view_features = open_artifact(view_features_path, VIEW_FEATURES)
     record = provenance.begin_from("features", options.as_dict(), [view_features])
-    feature, instance = view_features.read("feature"), view_features.read("instance")
+    supervision, instance = view_features.read("feature"), view_features.read("instance")
     level = view_features.read("instances/level")
-    found = aggregate(feature, instance, len(level), options.mad_norm, MAD_K)
-    consistent, supervision, mismatched = supervise_views(feature, instance, found, options)
+    found = aggregate(supervision, instance, len(level), options.mad_norm, MAD_K)
+    consistent, agreement, mismatched = supervise_views(supervision, instance, found, options)
     compressed = fit(supervision, options.compression, options.dims, options.epochs, options.seed)
     codes, consistent_codes = (compressed.encode(part) for part in (supervision, consistent))
     seen = found.views > 0
@@ -42,7 +42,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
         "outliers": int((~found.inlier).sum()),
         "slipped": int(mismatched.sum()),
         "reconstruction": {"mean": mean_cosine(supervision, lambda part: decoded(codes[part]))},
-        "agreement": mean_cosine(feature, lambda part: consistent[instance[part]]),
+        "agreement": float(agreement.mean()) if len(agreement) else None,
         "spread": {"features": spread(consistent[seen]), "decoded": spread(decoded(consistent_codes[seen]))},
     }
     arrays = {

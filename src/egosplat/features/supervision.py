@@ -20,8 +20,8 @@ _ROWS_AT_ONCE = 2**14
 
 def supervise_views(
     feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
-) -> tuple[Features, Features, NDArray[np.bool_]]:
-    """Return (N, D) consistent features, and the (R, D) supervision and (R,) mismatched flags of the views."""
+) -> tuple[Features, NDArray[np.float64], Bools]:
+    """Replace (R, D) features of views by their supervision. Returns (N, D) consistent features, (R,) cosines to them, mismatched flags."""
     # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
     consistent = consistent_directions(found.feature, feature, instance)
     # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
@@ -29,14 +29,13 @@ def supervise_views(
     excepts = options.supervision != "average" and options.set not in ("light", "published")
     apart = spread(consistent[found.views > 0]) if excepts else None
     limit = -math.inf if apart is None else (1 + apart) / 2
-    mismatched = cosines(feature, lambda part: consistent[instance[part]]) < limit
-    supervision = np.empty_like(feature)
-    for part in parts_of(len(supervision)):
+    agreement = cosines(feature, lambda part: consistent[instance[part]])
+    for part in parts_of(len(feature)):
         own, common = feature[part].astype(np.float64), consistent[instance[part]]
-        values = supervise(own, common, found.inlier[part], mismatched[part], options.supervision)
+        values = supervise(own, common, found.inlier[part], agreement[part] < limit, options.supervision)
         # Opposite features cancel; the average then has no direction of its own.
-        supervision[part] = unit(np.where(vanishing(values)[:, None], common, values))
-    return consistent.astype(np.float32), supervision, mismatched
+        feature[part] = unit(np.where(vanishing(values)[:, None], common, values))
+    return consistent.astype(np.float32), agreement, agreement < limit
 
 
 def supervise(own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str) -> Floats:

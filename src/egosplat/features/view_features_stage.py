@@ -103,23 +103,26 @@ def run(
     if found is None:
         return
     views = join_views([part["views"].numpy().view(VIEW)[:, 0] for part in found])
-    empty = np.zeros((0, 0 if found else channels(inputs.clip)), np.float32)
-    features = np.concatenate([part["features"].numpy() for part in found] or [empty])
-    del found  # as large as all features
-    good = _checked(features, options.clip_checkpoint)
+    good = _checked([part["features"].numpy() for part in found], options.clip_checkpoint)
     facts = {
         "levels": instances.facts["levels"],
         "clip": model,
         "without_feature": int((~good).sum()),
         "turned": lies_on_its_side(frames),
     }
-    kept = views[good]
-    order = np.flatnonzero(good)[np.lexsort((kept.frame, kept.instance))]
+    order = np.lexsort((views.frame, views.instance, ~good))[: good.sum()]
     stored, record = views[order], replace(record, gathered=work.costs)
+    features, row = np.empty((len(order), channels(inputs.clip)), np.float32), np.full(len(views), -1)
+    row[order] = np.arange(len(order))
+    # Features of a part leave memory as they are put: all of an hour do not fit twice.
+    for part in found:
+        values = part.pop("features").numpy()
+        rows, row = row[: len(values)], row[len(values) :]
+        features[rows[rows >= 0]] = values[rows >= 0]
     with create(output, VIEW_FEATURES, record) as artifact:
         for name in ("instance", "frame", "area", "box"):
             artifact.put(name, np.ascontiguousarray(getattr(stored, name)))
-        artifact.put("feature", features[order])
+        artifact.put("feature", features)
         artifact.put("instances/level", instances.read("instances/level"))
         artifact.facts = facts
     work.finish()
@@ -127,9 +130,9 @@ def run(
     log(f"{len(order)} views of {seen} of {count} instances")
 
 
-def _checked(features: Features, checkpoint: str) -> NDArray[np.bool_]:
-    """(R,) bool: views with a feature; the number of others is logged."""
-    good = usable(features)
+def _checked(features: Sequence[Features], checkpoint: str) -> NDArray[np.bool_]:
+    """(R,) bool: views with a feature, of parts of them; the number of others is logged."""
+    good = np.concatenate([np.zeros(0, bool), *map(usable, features)])
     if len(good) and not good.any():
         raise UserError(
             f"models.clip_checkpoint = {checkpoint!r}: the model gives no finite feature for any crop; "

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,13 +101,11 @@ def find_carries(seen: Sightings, inside: Nesting, seconds: Array) -> list[Carry
 
 def _runs(seen: Sightings, seconds: Array) -> Iterator[Sightings]:
     """Stretches of a track without a gap or a jump, but those of the wearer's arms."""
-    for number in np.unique(seen.track).tolist():
-        mine = np.flatnonzero(seen.track == number)
-        mine = mine[np.argsort(seen.frame[mine], kind="stable")]
-        gaps = np.diff(seconds[seen.frame[mine]]) > _GAP_S
-        for rows in np.split(mine, np.flatnonzero(gaps | _jumps(seen[mine])) + 1):
-            if len(rows) >= _LEAST_FRAMES and np.median(seen.edge[rows]) <= _MOST_EDGE:
-                yield seen[rows]
+    seen = seen[np.lexsort((seen.frame, seen.track))]
+    ends = (np.diff(seconds[seen.frame]) > _GAP_S) | (np.diff(seen.track) > 0) | _jumps(seen)
+    for begin, end in pairwise([0, *np.flatnonzero(ends) + 1, len(seen)]):
+        if end - begin >= _LEAST_FRAMES and np.median(seen.edge[begin:end]) <= _MOST_EDGE:
+            yield seen[begin:end]
 
 
 def _jumps(run: Sightings) -> NDArray[np.bool_]:

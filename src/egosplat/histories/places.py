@@ -1,8 +1,9 @@
 """What the frames show of the ends of carries: small crops around each."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import groupby
 
 import numpy as np
 import torch
@@ -15,7 +16,7 @@ from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import TrainedScene, render
 from egosplat.geometry import Array, Camera, invert, transform
-from egosplat.images import shrunk_size
+from egosplat.images import evenly_spaced, shrunk_size
 from egosplat.progress import track
 
 Mask = NDArray[np.bool_]
@@ -26,6 +27,8 @@ _SIDE = 256
 _MARGIN, _SMALLEST = 8, 12
 # A place is nearer than the surface that hides it by more than its radius and this share of its depth, which Gaussians tell no better.
 _OF_DEPTH = 0.04
+# A place is looked at in twice as many views at most: a thing that rests for an hour needs no more. So many views of all places are held.
+_MOST, _VIEWS_AT_ONCE = 256, 4096
 # Views whose Gaussians of the scene are kept for the next iterations, a megabyte each.
 _KEPT = 128
 # A Gaussian ends at so many of its standard deviations.
@@ -59,10 +62,6 @@ class Recording(TrainedScene):
     def is_track(self) -> Mask:
         """(N,) bool instances that are tracks."""
         return is_track(self.instances)
-
-    def labels(self, frame: int) -> NDArray[np.int32]:
-        """(L, H, W) int32 instances of a frame."""
-        return self.instances.row("labels", frame)
 
     def moving(self, frame: int, labels: NDArray[np.int32]) -> Mask:
         """(H, W) bool pixels of what moves in a frame with these labels: tracks, and refined masks if there are any."""
@@ -145,51 +144,71 @@ def _scene_near(view: PlaceView) -> Gaussians:
     return view.recording.gaussians.select(view.near)
 
 
-def see_places(ends: Sequence[End], frames: NDArray[np.int64], recording: Recording) -> list[list[PlaceView]]:
-    """Cut the views of the place of each end, in the order of ``frames``, each of which is read once."""
+def find_views(
+    ends: Sequence[End], frames: NDArray[np.int64], seconds: Array, recording: Recording
+) -> list[list[int]]:
+    """Those of ``frames`` that show the place of each end; of many the nearest by ``seconds`` (F,), and others evenly spaced."""
+    centers = np.array([end.center for end in ends]).reshape(-1, 3)
+    radii, found = np.array([end.radius for end in ends]), list[list[int]]([] for _ in ends)
+    for frame in track(frames.tolist(), "looking for places", unit="frame"):
+        points = transform(invert(recording.camera_to_world[frame]), centers)
+        inside = np.flatnonzero(_crops(points, radii, recording)[0])
+        if len(inside):
+            seen = _are_open(points[inside], radii[inside], recording.camera, recording.depth(frame))
+            for number in inside[seen].tolist():
+                found[number].append(frame)
+    for own, end in zip(found, ends, strict=True):
+        nearest = np.argsort(np.abs(seconds[own] - end.second), kind="stable")[:_MOST].tolist()
+        own[:] = [own[number] for number in sorted({*nearest, *evenly_spaced(len(own), _MOST)})]
+    return found
+
+
+def see_places(
+    ends: Sequence[End], frames: Sequence[Sequence[int]], recording: Recording
+) -> Iterator[list[PlaceView]]:
+    """Yield the views of the place of each end in its ``frames``, see ``find_views``. Those of a few ends are held at once."""
     means = recording.gaussians.means.double().cpu().numpy()
     reach = _REACH * recording.gaussians.scales.amax(dim=1).double().cpu().numpy()
-    views: list[list[PlaceView]] = [[] for _ in ends]
-    for frame in track(frames.tolist(), "looking at places", unit="frame"):
-        pose, depth, picture = recording.camera_to_world[frame], None, None
-        for end, seen in zip(ends, views, strict=True):
-            point = transform(invert(pose), end.center)
-            if (crop := _crop_of(point, end.radius, recording)) is None:
-                continue
-            depth = recording.depth(frame) if depth is None else depth
-            if not _is_open(point, end.radius, recording.camera, depth):
-                continue
-            if picture is None:
-                picture, labels = recording.frames.row("rgb", frame), recording.labels(frame)
-                shows = recording.valid & ~recording.moving(frame, labels)
-                local = transform(invert(pose), means)
-            left, top, right, bottom = crop
-            cut, full = np.s_[top:bottom, left:right], recording.camera
-            own = (labels[:, top:bottom, left:right] == end.track).any(axis=0) & recording.valid[cut]
-            camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
-            near, colors = _near(local, reach, camera), picture[cut].copy()
-            cropped = (left, top), camera, pose, near, colors, shows[cut] | own
-            seen.append(PlaceView(recording, frame, *cropped))
-    return views
+    batch = np.cumsum([len(own) for own in frames]) // _VIEWS_AT_ONCE
+    for part in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(batch)) + 1):
+        views: dict[int, list[PlaceView]] = {number: [] for number in part.tolist()}
+        pairs = sorted((frame, number) for number in views for frame in frames[number])
+        for frame, numbers in groupby(track(pairs, "looking at places", unit="view"), lambda pair: pair[0]):
+            pose, full = recording.camera_to_world[frame], recording.camera
+            picture, labels = recording.frames.row("rgb", frame), recording.instances.row("labels", frame)
+            shows = recording.valid & ~recording.moving(frame, labels)
+            local = transform(invert(pose), means)
+            for _, number in numbers:
+                end = ends[number]
+                point, radius = transform(invert(pose), end.center[None]), np.array([end.radius])
+                left, top, right, bottom = _crops(point, radius, recording)[1][0].tolist()
+                cut = np.s_[top:bottom, left:right]
+                own = (labels[:, top:bottom, left:right] == end.track).any(axis=0) & recording.valid[cut]
+                camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
+                near, colors = _near(local, reach, camera), picture[cut].copy()
+                cropped = (left, top), camera, pose, near, colors, shows[cut] | own
+                views[number].append(PlaceView(recording, frame, *cropped))
+        yield from views.values()
 
 
-def _crop_of(point: Array, radius: float, recording: Recording) -> tuple[int, int, int, int] | None:
-    """Left, top, right and bottom of a crop around a point in the camera's axes that is in the picture; else None."""
-    camera = recording.camera
-    if point[2] < recording.settings.near_plane + radius or not camera.contains(camera.project(point)):
-        return None
-    x, y = camera.project(point)
-    reach = camera.fx * radius / point[2] + _MARGIN
-    left, top = max(0, int(x - reach)), max(0, int(y - reach))
-    right, bottom = min(camera.width, int(x + reach) + 1), min(camera.height, int(y + reach) + 1)
-    return (left, top, right, bottom) if min(right - left, bottom - top) >= _SMALLEST else None
+def _crops(points: Array, radii: Array, recording: Recording) -> tuple[Mask, NDArray[np.int64]]:
+    """Crops around (E, 3) points in the camera's axes: (E,) whether the point is in the picture, and its crop large enough; and
+    (E, 4) left, top, right and bottom of those."""
+    camera, pixels = recording.camera, recording.camera.project(points)
+    inside = (points[:, 2] >= recording.settings.near_plane + radii) & camera.contains(pixels)
+    middle, depth = np.where(inside[:, None], pixels, 0.0), np.where(inside, points[:, 2], 1.0)
+    reach = (camera.fx * radii / depth + _MARGIN)[:, None]
+    first = np.maximum((middle - reach).astype(np.int64), 0)
+    last = np.minimum((middle + reach).astype(np.int64) + 1, (camera.width, camera.height))
+    return inside & ((last - first).min(axis=1) >= _SMALLEST), np.hstack([first, last])
 
 
-def _is_open(point: Array, radius: float, camera: Camera, depth: Array) -> bool:
-    """Whether no surface of the scene hides a point in the camera's axes."""
-    x, y = camera.project(point)
-    row, column = int(y * depth.shape[0] / camera.height), int(x * depth.shape[1] / camera.width)
-    return not 0 < depth[row, column] < point[2] * (1 - _OF_DEPTH) - radius
+def _are_open(points: Array, radii: Array, camera: Camera, depth: Array) -> Mask:
+    """(E,) whether no surface of the scene hides each of (E, 3) points in the camera's axes."""
+    cell = camera.project(points) * depth.shape[::-1] / (camera.width, camera.height)
+    column, row = cell.astype(np.int64).T
+    surface = depth[row, column]
+    return ~((surface > 0) & (surface < points[:, 2] * (1 - _OF_DEPTH) - radii))
 
 
 def _near(local: Array, reach: Array, camera: Camera) -> Tensor:

@@ -3,6 +3,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from egosplat.geometry import Array
 from egosplat.histories.fitting import essential, explained, fit, start_points
 from egosplat.histories.moves import Carry
 from egosplat.histories.places import End, PlaceView, Recording
+from egosplat.images import evenly_spaced
 from egosplat.progress import track
 
 # The sphere of a thing has this part of its size as radius, and this more, as a part of the mean size of all.
@@ -25,6 +27,8 @@ _FIRST_STEPS, _STEPS, _LAST_STEPS = 120, 150, 60
 # A view shows the thing if its Gaussians explain more than this share of the error; fewer changed pixels than this part of
 # the median count for less.
 _SHARE, _OF_MEDIAN = 0.1, 0.05
+# Views of a rest that are kept, for OpenCLIP: all those of an hour do not fit into memory.
+VIEWS = 16
 # A thing lies there if its Gaussians explain this share of the error, and so many are opaque to this degree.
 _LEAST_GAIN, _LEAST_OPAQUE, _OPAQUE = 0.3, 8, 0.3
 # Two rests are one if they are nearer than this part of the smaller radius.
@@ -37,8 +41,9 @@ _TOGETHER_S = 2.0
 class Rest:
     """A thing of a size [m] that lies somewhere for a while, looked for in a sphere of a radius [m].
 
-    Its Gaussians, on top of the scene, explain the share ``gain`` of the error of the views of this time. ``absent`` are the
-    last frame before and the first one after that show the place without it, -1 for none.
+    Its Gaussians, on top of the scene, explain the share ``gain`` of the error of the views of this time, of which a few are kept, and
+    the ``evidence`` of all of them together. ``frames`` are the first and the last that show it, ``absent`` the last one before and the
+    first one after that show the place without it, -1 for none.
     """
 
     radius: float
@@ -46,19 +51,11 @@ class Rest:
     gaussians: Gaussians
     views: tuple[PlaceView, ...]
     gain: float
+    evidence: float
+    frames: tuple[int, int]
     absent: tuple[int, int]
 
-    @property
-    def evidence(self) -> float:
-        """What is explained, of all views together."""
-        return self.gain * len(self.views)
-
-    @property
-    def frames(self) -> tuple[int, int]:
-        """The first and the last frame that show it."""
-        return self.views[0].frame, self.views[-1].frame
-
-    @property
+    @cached_property
     def center(self) -> Array:
         """(3,) float64 mean of its Gaussians, by their opacity and surface [m]."""
         weight = self.gaussians.opacities * self.gaussians.scales.prod(dim=1) ** (2 / 3)
@@ -170,7 +167,9 @@ def _learn_from(
     # The frames next to the chosen views that show the place.
     before = max((view.frame for view in views if view.frame < chosen[0].frame), default=-1)
     after = min((view.frame for view in views if view.frame > chosen[-1].frame), default=-1)
-    return Rest(end.radius, end.size, gaussians, tuple(chosen), gain, (before, after))
+    few = tuple(chosen[number] for number in evenly_spaced(len(chosen), VIEWS))
+    spans = (chosen[0].frame, chosen[-1].frame), (before, after)
+    return Rest(end.radius, end.size, gaussians, few, gain, gain * len(chosen), *spans)
 
 
 def _shares(told: Array) -> Array:

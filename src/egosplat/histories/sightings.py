@@ -49,7 +49,7 @@ def see_tracks(frames: NDArray[np.int64], recording: Recording) -> tuple[Sightin
     kernel = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
     edge = valid & (cv2.erode(valid.astype(np.uint8), kernel, borderValue=0) == 0)
     for frame in track(frames.tolist(), "looking at what moves", unit="frame"):
-        labels = recording.labels(frame)
+        labels = recording.instances.row("labels", frame)
         numbers = np.unique(labels[labels >= 0])
         numbers = numbers[recording.is_track[numbers]]
         if not len(numbers):
@@ -83,9 +83,6 @@ def _nested(frame: int, numbers: NDArray[np.int32], masks: list[Bools]) -> Nesti
     step = max(1, max(masks[0].shape) // _COMPARED)
     flat = np.stack([mask[::step, ::step].ravel() for mask in masks]).astype(np.float32)
     common, area = flat @ flat.T, flat.sum(axis=1)
-    found = {}
-    for small, large in np.argwhere(common > 0).tolist():
-        if small != large and (area[small], small) < (area[large], large):
-            pair = frame, int(numbers[small]), int(numbers[large])
-            found[pair] = float(common[small, large] / area[small])
-    return found
+    pairs = (pair for pair in np.argwhere(common > 0).tolist() if pair[0] != pair[1])
+    pairs = ((small, large) for small, large in pairs if (area[small], small) < (area[large], large))
+    return {(frame, int(numbers[a]), int(numbers[b])): float(common[a, b] / area[a]) for a, b in pairs}

@@ -2,7 +2,6 @@
 thing (docs/answers.md#carries)."""
 
 from collections.abc import Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from egosplat.gaussians.model import PARAMETERS, Gaussians
 from egosplat.geometry import known_poses
 from egosplat.histories.moves import Carry, find_carries
 from egosplat.histories.options import HistoriesOptions
-from egosplat.histories.places import Recording, see_places
+from egosplat.histories.places import Recording, find_views, see_places
 from egosplat.histories.rests import Rest, ends_of, find_rests, link
 from egosplat.histories.sightings import see_tracks
 from egosplat.histories.things import find_things, look_at
@@ -43,9 +42,6 @@ from egosplat.progress import log
 
 # What is always given.
 _INPUTS = (FRAMES, POSES, INSTANCES, VIEW_FEATURES, SPLATS)
-
-# Ends whose views are held at a time: those of all ends of an hour do not fit into memory.
-_ENDS_AT_ONCE = 32
 
 # Carries whose features have this cosine show one thing.
 _ALIKE = 0.9
@@ -78,9 +74,8 @@ def run(*, output: Path, options: HistoriesOptions, **paths: Path | None) -> Non
     carries, tracks = find_carries(seen, inside, seconds), len(np.unique(seen.track))
     log(f"{len(carries)} carries in {tracks} tracks of what moves")
     ends = ends_of(carries, seconds)
-    posed, parts = posed[frames.read("train")[posed]], range(0, len(ends), _ENDS_AT_ONCE)
-    some = (see_places(ends[first : first + _ENDS_AT_ONCE], posed, recording) for first in parts)
-    rests = find_rests(ends, chain.from_iterable(some), seconds, recording)
+    shown = find_views(ends, posed[frames.read("train")[posed]], seconds, recording)
+    rests = find_rests(ends, see_places(ends, shown, recording), seconds, recording)
     columns = _columns_of_carries(carries, views) | _columns_of_rests(rests, recording, views, options)
     links, carried = link(ends, rests, seconds, len(carries)), columns["carries/feature"]
     things, of_carries, features = find_things(rests, columns.pop("rests/feature"), links, carried)
@@ -114,8 +109,11 @@ def _columns_of_carries(carries: Sequence[Carry], views: Artifact) -> Columns:
 
 def _features_of_carries(carries: Sequence[Carry], views: Artifact) -> NDArray[np.float32]:
     """(C, D) mean feature of the views of each carry and of those that look alike, of unit norm; zeros without views."""
-    instance, frame, feature = (views.read(name) for name in ("instance", "frame", "feature"))
-    features = np.zeros((len(carries), feature.shape[1]), np.float32)
+    instance, frame = views.read("instance"), views.read("frame")
+    mine = np.isin(instance, [number for carry in carries for number in (carry.track, *carry.others)])
+    parts = [rows[mine[start : start + len(rows)]] for start, rows in views.chunks("feature")]
+    features = np.zeros((len(carries), views.shape("feature")[1]), np.float32)
+    feature, instance, frame = np.concatenate([features[:0], *parts]), instance[mine], frame[mine]
     for row, carry in zip(features, carries, strict=True):
         shown = np.isin(instance, [carry.track, *carry.others]) & np.isin(frame, carry.seen.frame)
         row[:] = unit(feature[shown].sum(axis=0, dtype=np.float64))

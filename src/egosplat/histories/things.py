@@ -14,7 +14,6 @@ from egosplat.features.crops import encode_crops, fill_hull, pad_square
 from egosplat.geometry import Array
 from egosplat.histories.fitting import improved
 from egosplat.histories.rests import Rest
-from egosplat.images import evenly_spaced
 from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip
 
@@ -23,8 +22,8 @@ from egosplat.models.clip import OpenClip
 _ALIKE, _AT_ONCE = 0.85, 0.25
 # Outliers among rests and carries of a thing: see ``aggregate``.
 _AGGREGATION = ("cosine", 2.0)
-# Views of a rest that OpenCLIP encodes, and the smallest thing among them [px].
-_VIEWS, _LEAST_PIXELS = 16, 50
+# The smallest thing that OpenCLIP encodes [px].
+_LEAST_PIXELS = 50
 
 Ints = NDArray[np.int32]
 Floats = NDArray[np.float32]
@@ -95,8 +94,7 @@ def look_at(rest: Rest, clip: OpenClip, turned: bool) -> tuple[int, tuple[int, i
     """Encode what the frames show where the Gaussians of a rest explain them: the frame that shows most of it, x0, y0, x1, y1
     around it there [px], and the (D,) float64 mean feature of unit norm, zeros without one. ``turned`` pictures lie on their
     side."""
-    views = [rest.views[index] for index in evenly_spaced(len(rest.views), _VIEWS)]
-    masks = [improved(view, rest.gaussians) for view in views]
+    views, masks = rest.views, [improved(view, rest.gaussians) for view in rest.views]
     areas = [int(mask.sum()) for mask in masks]
     crops = []
     for view, mask, area in zip(views, masks, areas, strict=True):

@@ -53,21 +53,10 @@ class LiftedMasks:
         often = np.bincount(self.seen.indices[self.seen.data >= LEAST_SEEN], minlength=len(total))
         return total / np.maximum(often, 1)
 
-    def seen_at(self, place: int) -> NDArray[np.float32]:
-        """(N,) row of ``seen`` of one of the T frames."""
-        return self.seen[[place]].toarray()[0]
-
     def select(self, chosen: NDArray[np.bool_]) -> "LiftedMasks":
         """Select masks by (V,) bool."""
         votes = self.votes[:, np.flatnonzero(chosen)]
         return replace(self, instance=self.instance[chosen], frame=self.frame[chosen], votes=votes)
-
-    def members(self, mask: int, seen: NDArray[np.float32]) -> NDArray[np.int32]:
-        """Gaussians of whose weight in the frame the mask holds at least the share ``INSIDE``; ``seen_at`` of the frame."""
-        span = slice(self.votes.indptr[mask], self.votes.indptr[mask + 1])
-        gaussian, weight = self.votes.indices[span], self.votes.data[span]
-        gaussian = np.asarray(gaussian, np.int32)
-        return gaussian[weight >= INSIDE * np.maximum(seen[gaussian], LEAST_SEEN)]
 
 
 def holds(votes: NDArray[np.float32], seen: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -97,14 +86,15 @@ def lift_masks(
         centers = look_at_centers(gaussians, *view)
         x, y = centers.pixel.T
         shown = counted[y, x] & (centers.weight > _HIDDEN)
-        gaussian, found = centers.gaussian[shown], labels[:, y[shown], x[shown]]
+        # SciPy keeps wider indices, of which an hour has a billion.
+        gaussian, found = centers.gaussian[shown].astype(np.int32), labels[:, y[shown], x[shown]]
         pixels = torch.from_numpy(counted).to(gaussians.means)[..., None]
         sums = sum_over_pixels(view_of(gaussians, *view), pixels)[:, 0]
         weight = sums.cpu().numpy()[gaussian]
         seen.append(sparse.csr_array((weight, (np.zeros_like(gaussian), gaussian)), (1, gaussians.count)))
         ids = np.unique(found[found >= 0])
         level, held = np.nonzero(found >= 0)
-        where = gaussian[held], np.searchsorted(ids, found[level, held])
+        where = gaussian[held], np.searchsorted(ids, found[level, held]).astype(np.int32)
         votes.append(sparse.csc_array((weight[held], where), (gaussians.count, len(ids))))
         instance.append(ids)
         frame.append(np.full(len(ids), len(row)))

@@ -53,10 +53,6 @@ class Runs:
         gaussian, seen = self._seen[run]
         return gaussian[seen >= LEAST_SEEN]
 
-    def _spread(self, gaussian: NDArray[np.int32]) -> Floats:
-        """(n,) weight of some Gaussians, 0 of the others."""
-        return _dense((gaussian, self._weight[gaussian]), len(self._weight))
-
     def add(self, into: int, other: int) -> None:
         """Move what one run holds to another, in place."""
         for rows in (self._votes, self._seen):
@@ -67,16 +63,21 @@ class Runs:
         self.held[into], self.held[other] = self._holds(into), self.held[other][:0]
         self._size[into] = self._weight[self.held[into]].sum()
 
-    def overlaps(self, one: int, others: Ints) -> Floats:
+    def overlaps(self, one: int, others: Ints, least: float = 0.0) -> Floats:
         """(K,) IoU of a run with each of others on what both have seen; NaN where that is too small a part of the
-        smaller run."""
-        mine, visible = self._spread(self.held[one]), self._spread(self._sees(one))
-        held = [self.held[other] for other in others]
+        smaller run, or the IoU cannot reach ``least``."""
+        weight, parts = self._weight, (self.held[one], self._sees(one))
+        mine, visible = (_dense((gaussian, weight[gaussian]), len(weight)) for gaussian in parts)
+        held, found = [self.held[other] for other in others], np.full(len(others), np.nan)
         shared, second = _sums(held, mine), _sums(held, visible)
+        # The union has at least the second part. What runs see is many times what they hold, and few pairs are alike.
+        some = np.flatnonzero(shared >= 0.99 * least * second)
+        shared, second, others = shared[some], second[some], others[some]
         first = _sums([self._sees(other) for other in others], mine)
         union, smaller = first + second - shared, np.minimum(self._size[one], self._size[others])
         iou = np.divide(shared, union, out=np.zeros(len(others)), where=union > 0)
-        return np.where(np.maximum(first, second) < COMMON * smaller, np.nan, iou)
+        found[some] = np.where(np.maximum(first, second) < COMMON * smaller, np.nan, iou)
+        return found
 
 
 def _rows(matrix: Any) -> list[Row]:
@@ -102,7 +103,7 @@ def _dense(row: Row, length: int) -> Floats:
 def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Any:
     """(K,) sum of the (n,) values of the Gaussians of each of K lists."""
     owner = np.repeat(np.arange(len(gaussians)), [*map(len, gaussians)])
-    return np.bincount(owner, values[np.concatenate(gaussians)], len(gaussians))
+    return np.bincount(owner, values[np.concatenate([np.zeros(0, np.int32), *gaussians])], len(gaussians))
 
 
 def merge(masks: LiftedMasks, run: Ints, weight: Floats) -> Ints:
@@ -151,9 +152,7 @@ def agglomerate(runs: Runs) -> Ints:
         """Add the pairs of a run with the runs from the number ``least`` that share a Gaussian with it."""
         near = np.flatnonzero(np.bincount(into[_columns(runs.voters, runs.held[one])]))
         near = near[(near >= least) & (near != one)]
-        if not len(near):
-            return
-        iou = runs.overlaps(one, near)
+        iou = runs.overlaps(one, near, MERGE_IOU)
         chosen = iou >= MERGE_IOU
         for other, value in zip(near[chosen].tolist(), iou[chosen].tolist(), strict=True):
             heappush(alike, (-value, min(one, other), max(one, other), int(merges[one] + merges[other])))

@@ -74,6 +74,7 @@ def run(
     if lifted is not None:
         times_s = frames.read("timestamp_ns")[lifted.row] / 1e9
         tracks = MovingTracks(segments, standing_tracks(lifted, times_s))
+    del lifted  # as large as the masks of things
     scene = find_scene(geometry, segments, shown, tracks)
     rows = np.flatnonzero(kept & poses.read("registered"))
     _write_things(output, record, scene, tracks, segments, rows)

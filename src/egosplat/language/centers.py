@@ -33,20 +33,12 @@ def look_at_centers(
     gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
 ) -> Centers:
     """Find what a view shows at the centers of the Gaussians in front of the near plane."""
-    chosen, pixel, depth = project_centers(gaussians, camera, camera_to_world, settings)
-    view = view_of(gaussians, camera, camera_to_world, settings)
-    own = torch.full((gaussians.count, 2), -1)
-    own[chosen] = torch.from_numpy(pixel)
-    return Centers(chosen, pixel, depth[chosen], own_weights(view, own)[chosen].numpy())
-
-
-def project_centers(
-    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """The M Gaussians in front of the near plane whose center lies in a view. (M,) index of each; (M, 2)
-    column and row of the pixel that holds its center; (N,) camera z of all Gaussians [m]."""
     local = transform(invert(camera_to_world), gaussians.means.double().cpu().numpy())
     projected = camera.project(local)
     chosen = np.flatnonzero(camera.contains(projected) & (local[:, 2] >= settings.near_plane))
     # Pixel centers lie at integers + 0.5.
-    return chosen, np.floor(projected[chosen]).astype(np.int64), local[:, 2]
+    pixel = np.floor(projected[chosen]).astype(np.int64)
+    view = view_of(gaussians, camera, camera_to_world, settings)
+    own = torch.full((gaussians.count, 2), -1)
+    own[chosen] = torch.from_numpy(pixel)
+    return Centers(chosen, pixel, local[chosen, 2], own_weights(view, own)[chosen].numpy())

@@ -33,7 +33,9 @@ class CodeTargets:
         other instances)."""
         self._instances, self._features, self._device = instances, features, device
         check_made_from(features, instances, axes=("instance",))
-        self._instance, self._frame = features.read("instance"), features.read("frame")
+        self._instance, frame = features.read("instance"), features.read("frame")
+        counts = np.bincount(frame, minlength=instances.shape("labels")[0])
+        self._views = np.split(np.argsort(frame, kind="stable"), np.cumsum(counts)[:-1])
         # Those of the views, then those of the instances.
         self._codes = np.concatenate([features.read("code"), features.read("consistent_code")])
         seen = features.read("views") > 0
@@ -108,7 +110,7 @@ class CodeTargets:
         """Return the (N + 1,) row of ``code_rows`` of each instance in the frame, -1 for no target; no label is last."""
         # The instance's own row; that of the frame's view replaces it where there is one.
         rows = np.where(self._usable, len(self._instance) + np.arange(len(self._named)), -1)
-        views = np.flatnonzero(self._frame == frame)
+        views = self._views[frame]
         owners = self._instance[views]
         rows[owners] = np.where(self._named[owners], views, -1)
         return np.append(rows, -1)

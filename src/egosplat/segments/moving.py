@@ -56,10 +56,9 @@ def add_tracks(single: Segmented, tracked: Segmented) -> Segmented:
     count = len(single.instances)
     for frame in range(len(single.labels)):
         masks, tracks = single.labels[frame], tracked.labels[frame]
-        moving, is_mask = (tracks >= 0).any(axis=0), masks >= 0
-        area = np.bincount(masks[is_mask], minlength=count)
-        covered = np.bincount(masks[is_mask & moving], minlength=count)
-        dropped = np.append(covered > _MOSTLY * area, False)
+        moving, covered = (tracks >= 0).any(axis=0), InstanceScores(count)
+        covered.add(masks, moving)
+        dropped = np.append(covered.scores > _MOSTLY, False)
         left = np.where(moving | dropped[masks], -1, masks)
         single.labels[frame] = np.where(tracks >= 0, tracks + count, left)
     return replace(single, instances=single.instances + tracked.instances)

@@ -100,20 +100,23 @@ def test_the_scene_at_a_time_shows_the_thing_where_it_lies(made, found):
     assert error[45:51, LEFT - 3 : LEFT + 3].mean() < 0.08 and error[:, 48:].mean() < 0.01
 
 
-def test_the_same_seed_learns_the_same_however_many_ends_are_held(made, found, tmp_path, monkeypatch):
-    monkeypatch.setattr("egosplat.histories.stage._ENDS_AT_ONCE", 1)
+def test_views_in_parts_teach_the_same_and_few_nearly(made, found, tmp_path, monkeypatch):
+    monkeypatch.setattr("egosplat.histories.places._VIEWS_AT_ONCE", 1)
     assert learn(made, tmp_path / "histories.zarr").digest == found.digest
+    monkeypatch.setattr("egosplat.histories.places._MOST", 12)
+    np.testing.assert_allclose(learn(made, tmp_path / "few").read("rests/until_frame"), [24, 59], atol=4)
 
 
 @pytest.mark.parametrize("cosine", [0.96, 0.5])
 def test_carries_that_look_alike_have_one_feature(cosine):
-    views = np.array([(1, 0), (cosine, (1 - cosine**2) ** 0.5), (0, 1)], np.float32)
-    columns = {"instance": np.array([3, 3, 4]), "frame": np.array([15, 60, 15]), "feature": views}
+    rows = np.array([(1, 0), (cosine, (1 - cosine**2) ** 0.5), (0, 1)], np.float32)
+    columns = {"instance": np.array([3, 3, 4]), "frame": np.array([15, 60, 15]), "feature": rows}
     seen = (SimpleNamespace(frame=np.arange(first, first + 30)) for first in (0, 45))
     carries = [SimpleNamespace(track=3, others=(), seen=one) for one in seen]
-    found = _features_of_carries(carries, SimpleNamespace(read=columns.get))
-    total = views[:2].sum(axis=0)
-    expected = [total / np.linalg.norm(total)] * 2 if cosine > 0.9 else views[:2]
+    views = SimpleNamespace(read=columns.get, chunks=lambda _: [(0, rows)], shape=lambda _: rows.shape)
+    found = _features_of_carries(carries, views)
+    total = rows[:2].sum(axis=0)
+    expected = [total / np.linalg.norm(total)] * 2 if cosine > 0.9 else rows[:2]
     np.testing.assert_allclose(found, expected, rtol=1e-5)
 
 

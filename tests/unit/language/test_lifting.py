@@ -8,7 +8,7 @@ from scipy import sparse
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import view_of
 from egosplat.language import dominant as module
-from egosplat.language.centers import project_centers
+from egosplat.language.centers import look_at_centers
 from egosplat.language.dominant import lift_instances, sum_votes
 from egosplat.language.lifting import lift
 from egosplat.rasterize.view import composite, render_codes
@@ -78,8 +78,8 @@ def test_votes_are_rendering_weights_at_centers_however_many_views_are_held(alon
     assert all(np.array_equal(*both) for other in found[1:] for both in zip(found[0], other, strict=True))
     expected, total = np.zeros((views.gaussians.count, 3)), np.zeros(views.gaussians.count)
     for frame, pose, image in zip(views.frame, views.camera_to_world, images, strict=True):
-        gaussian, pixel, _ = project_centers(views.gaussians, CAMERA, pose, SETTINGS)
-        column, row = pixel.T
+        centers = look_at_centers(views.gaussians, CAMERA, pose, SETTINGS)
+        gaussian, (column, row) = centers.gaussian, centers.pixel.T
         own = image[row, column, gaussian].numpy()
         labels = targets.labels(int(frame)).numpy()[:, row, column]
         expected[gaussian] += own[:, None] * (labels[..., None] == np.arange(3)).any(axis=0)
