@@ -60,15 +60,15 @@ def fetch(folder: Path) -> Path:
     """Fetch LERF-OVS into a folder, and write the settings with which ``make public`` makes its scenes."""
     archive = folder / LERF_OVS.file
     download([Needed("", archive, "LERF-OVS", published=LERF_OVS)])
-    labels = next(unpack(archive, folder / "lerf_ovs").rglob("label"))
-    objects = (one for path in labels.rglob("frame_*.json") for one in read_json(path)["objects"])
+    labels = [*unpack(archive, folder / "lerf_ovs").rglob("label/*/frame_*.json")]
+    objects = (one for path in labels for one in read_json(path)["objects"])
     # What a user gets who sets nothing; and a fit of grades holds for the keys of such queries alone.
     usual = {"extends": "balanced", "models": {"set": LIGHT}, "transient": {"lr": TransientOptions().lr}}
     usual["query"] = {"readout": QueryOptions().readout}
     own = {"query": DEFAULTS[LIGHT]["query"] | {"box_filter": QueryOptions().box_filter}}
     settings = {
         "preset": "paper",
-        "data_root": {"lerf": str(labels.parent.absolute())},
+        "data_root": {"lerf": str(labels[0].parents[2].absolute())},
         "variants": {"usual": usual, "asked": own, "usual_asked": {"extends": "usual"} | own},
         # A thing of another scene is absent: grades are fitted to both.
         "formats": {"lerf": {"presence": {"negatives": sorted({one["category"] for one in objects})}}},

@@ -189,8 +189,7 @@ def _cells(scores: Sequence[tuple[float, float]]) -> list[str]:
 def main(folder: Path, labels: Path | None, preparing: bool, every: int) -> None:
     """Prepare a scan, or score a finished scene."""
     if preparing:
-        click.echo(f"wrote {prepare(folder, every)}")
-        return
+        return click.echo(f"wrote {prepare(folder, every)}")
     if labels is None:
         raise UserError("give the labels of the mesh, too: scene0000_00_vh_clean_2.labels.ply")
     found = score_scene(open_scene(folder), labels)

@@ -70,6 +70,7 @@ def test_own_scores_stand_in_a_row_with_their_mean():
 
 def test_lerf_ovs_is_fetched_with_settings_that_plan_its_scenes(tmp_path, monkeypatch):
     write_lerf(tmp_path / "made/lerf_ovs", "ramen")
+    (tmp_path / "made/__MACOSX/lerf_ovs/label").mkdir(parents=True)
     content = Path(shutil.make_archive(str(tmp_path / "made"), "zip", tmp_path / "made")).read_bytes()
     known = public.LERF_OVS._replace(sha256=hashlib.sha256(content).hexdigest())
     monkeypatch.setattr(public, "LERF_OVS", known)
