@@ -63,7 +63,7 @@ _CONVERT = "nerfstudio's ns-process-data {1} --data {0} --output-dir NEW makes a
 _GIVE = "give a COLMAP model as {0}/colmap, or {0}/transforms.json"
 _MODELS = ("cameras.bin", "sparse/[1-9]*/cameras.*", "dense/**/cameras.*", "distorted/**/cameras.*")
 _OTHERS = (
-    *("poses_bounds.npy", "groundtruth.txt", "poses*.txt", "traj.txt", "pose/*", "*.pose.txt", "cams/*.txt"),
+    *("poses*.*", "groundtruth.txt", "traj.txt", "pose/*", "*.pose.txt", "cams/*.txt"),
     *("cameras.sfm", "sfm_data.json", "bundle.out", "cameras.xml", "cameras.json", "odometry.csv"),
 )
 OTHER_POSES = {
@@ -304,6 +304,15 @@ def known_poses_path(recording: Path, kind: str) -> Path:
     return next(filter(model_files, folders), path)
 
 
+def check_parts(recording: Path) -> None:
+    """UserError if a COLMAP project, which numbers the models of unconnected parts, has one with more pictures than ``sparse/0``."""
+    model = known_poses_path(recording.absolute(), "colmap")
+    parts = [model, *sorted(model.parent.glob("[1-9]*"))] if model.name == "0" else [model]
+    if (largest := max(parts, key=lambda part: len(_names(part)))) != model:
+        link = shlex.join(["ln", "-s", str(largest), str(recording.absolute() / "colmap")])
+        raise UserError(f"{model}: {largest} has more pictures, of another part. Choose one, as by: {link}")
+
+
 def known_pose_files(recording: Path, wanted: str) -> list[Path]:
     """The files of a recording's known poses, with points and masks; those of every kind if it has several."""
     files: list[Path] = []
@@ -328,7 +337,8 @@ def model_files(folder: Path) -> list[Path]:
 def picture_folders(recording: Path, wanted: str) -> list[Path]:
     """The folders with the pictures of a folder's recording: those that its known poses name, or the folder
     itself. A folder without pictures may have them in ``images``."""
-    names = [name for kind in present_known_poses(recording, wanted) for name in _names(recording, kind)]
+    kinds = present_known_poses(recording, wanted)
+    names = [name for kind in kinds for name in _names(known_poses_path(recording, kind))]
     roots = [root for root in (recording, recording / PROJECT_PICTURES) if root.is_dir()]
     choices = [*(_named_folders(recording, root, names) for root in roots), *([root] for root in roots)]
     for folders in choices:
@@ -354,10 +364,9 @@ def named_path(folder: Path, name: str) -> Path:
     return next(filter(os.path.lexists, spelled), folder / plain)
 
 
-def _names(recording: Path, kind: str) -> list[str]:
-    """The names of pictures in a file with known poses; none of a damaged one, whose reader reports it."""
-    path = known_poses_path(recording, kind)
-    if kind == "transforms":
+def _names(path: Path) -> list[str]:
+    """The names of pictures in a model's folder or a ``transforms.json``; none of a damaged one, whose reader reports it."""
+    if not path.is_dir():
         return [name for frame in _read_frames(path)[1] if isinstance(name := frame.get("file_path"), str)]
     names: list[str] = []
     with suppress(OSError, ValueError, IndexError, struct.error):

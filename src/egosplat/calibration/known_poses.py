@@ -1,6 +1,5 @@
 """Known poses of a plain recording: a COLMAP model folder, or a nerfstudio ``transforms.json`` (docs/recordings.md)."""
 
-import os
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -20,8 +19,6 @@ from egosplat.progress import log
 
 # A rotation that was written with few digits is made orthonormal up to this deviation.
 _MAX_DEVIATION = 1e-3
-# Number of names listed in a message.
-_MAX_NAMES = 3
 # Share of the cameras by which the size of the scene is told, and the farthest from the origin in units of it: float32 then
 # still tells a pixel from the next.
 _MOST, _MAX_REACH = 0.9, 1e4
@@ -35,9 +32,10 @@ def find_known_poses(recording: Path, wanted: str) -> str | None:
         path = files.known_poses_path(recording, wanted)
         raise UserError(f"{path}: not found, but frames.known_poses is {wanted}.")
     if len(present) > 1:
-        folder = recording if recording.is_dir() else recording.parent
-        names = " and ".join(os.path.relpath(files.known_poses_path(recording, k), folder) for k in present)
-        raise UserError(f"{recording}: has {names}. Choose with frames.known_poses={' or '.join(present)}.")
+        both = " and ".join(str(files.known_poses_path(recording, kind)) for kind in present)
+        raise UserError(f"{both}: choose with frames.known_poses={' or '.join(present)}.")
+    if present == ["colmap"]:
+        files.check_parts(recording)
     if wanted == files.AUTO and not present and recording.is_dir() and (told := files.other_poses(recording)):
         log(told)
     return present[0] if present else None
@@ -100,7 +98,7 @@ def match_pictures(
         if not matches:
             unmatched.append(name)
     if not (row >= 0).any():
-        few = f"none of its {len(names)} names, such as {', '.join(unmatched[:_MAX_NAMES])}"
+        few = f"none of its {len(names)} names, such as {unmatched[0]}"
         raise UserError(f"{path}: {few}, is the name of a picture, such as {pictures[0]}.")
     return row, unmatched
 
@@ -121,12 +119,6 @@ def check_numbers(names: Sequence[str], count: int, path: Path) -> None:
     if beyond := next((name for name in names if (_number_of(name) or 0) >= count), None):
         has = f"the video has the frames 0 to {count - 1}"
         raise UserError(f"{path}: {beyond}: {has}. Do the numbers begin at 1?")
-
-
-def unmatched_line(unmatched: list[str], path: Path) -> str:
-    """The log line about entries without a picture."""
-    more, plural = ", ..." if len(unmatched) > _MAX_NAMES else "", "s" if len(unmatched) > 1 else ""
-    return f"{path}: ignores {len(unmatched)} name{plural} without a picture: {', '.join(unmatched[:_MAX_NAMES])}{more}"
 
 
 def _number_of(name: str) -> int | None:

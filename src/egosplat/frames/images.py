@@ -180,7 +180,7 @@ def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray
     """Decode an image to (H, W, 3) uint8 RGB, or 4 with alpha, turned by EXIF or not; UserError if it is no 8-bit image."""
     with open_image(path) as image:
         if image.mode not in _EIGHT_BIT:
-            raise UserError(f"{path}: pixels of type {image.mode}. Convert it to 8 bits per channel.")
+            raise UserError(f"{path}: pixels of type {image.mode}, as of depth. Give photographs of 8 bits.")
         # Not by ``ImageOps.exif_transpose``, which writes the EXIF anew, and fails where a tag is damaged.
         turn = _TURNS.get(image.getexif().get(_ORIENTATION_TAG, 1)) if turned else None
         upright = image if turn is None else image.transpose(turn)

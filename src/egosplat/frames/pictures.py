@@ -26,8 +26,8 @@ from egosplat.progress import log, track
 # Guessed focal length in units of the longer side: COLMAP's default, a field of view of 45°.
 FOCAL_PRIOR = 1.2
 
-# Frames per second that show a walk well enough. COLMAP takes six times as long for three times as many (docs/speed.md).
-ENOUGH_PER_S = 3.0
+# Frames a second that show a walk well enough, and fewest of a video. COLMAP takes six times as long for thrice as many (docs/speed.md).
+_ENOUGH_PER_S, _FEW = 3.0, 100
 
 Mask = NDArray[np.bool_]
 FindLabeled = Callable[[list[str]], list[int]]
@@ -102,8 +102,9 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     frames, labeled = _choose_frames(every, path, options, find_labeled)
     pictures = Pictures(every.keep(frames), valid, every.pinhole, size)
     span_s = float(np.ptp(pictures.source.timestamp_ns)) * 1e-9
-    if kind is None and span_s > 0 and (rate := (len(frames) - 1) / span_s) >= 2 * ENOUGH_PER_S:
-        stride = f"frames.stride={options.stride * int(rate / ENOUGH_PER_S)}"
+    rate = (len(frames) - 1) / span_s if span_s > 0 else 0.0
+    if kind is None and (larger := stride_for(len(frames), rate)) > 1:
+        stride = f"frames.stride={options.stride * larger}"
         log(f"{path.name}: {len(frames)} frames, {rate:.0f} a second; {stride} makes COLMAP faster")
     if not every.lenses and options.lens == "auto":
         pictures = _estimate_lens(pictures, full)
@@ -129,6 +130,11 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     )
 
 
+def stride_for(count: int, rate: float) -> int:
+    """Choose ``frames.stride`` for ``count`` frames at a rate [1/s]: enough frames for a walk, and not few."""
+    return max(1, min(round(rate / _ENOUGH_PER_S), count // _FEW))
+
+
 def calibrate(path: Path, kind: str | None, source: Source) -> Source:
     """Give full-size pictures the lenses and masks of the known poses, or the lens of ``camera.json``, if
     there is any. Pictures without a camera are left out where there are several cameras."""
@@ -147,7 +153,7 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
     if contents.unread:
         log(f"{known}: these keys do not count: {', '.join(contents.unread)}")
     if unmatched:
-        log(known_poses.unmatched_line(unmatched, known))
+        log(f"{known}: ignores names without a picture: {len(unmatched)}, such as {unmatched[0]}")
     if len(contents.lenses) > 1:
         log(f"{known}: {len(contents.lenses)} cameras; the frames show what all of them see")
         if absent := int((row < 0).sum()):

@@ -26,13 +26,10 @@ from egosplat.calibration.known_poses import find_known_poses
 from egosplat.errors import UserError
 from egosplat.files import atomic_directory
 from egosplat.frames.native_log import captured_log
-from egosplat.frames.pictures import ENOUGH_PER_S
+from egosplat.frames.pictures import stride_for
 from egosplat.frames.video import open_source, open_video
 
 _TAKES = "Give a video, a folder or .zip of photographs, a COLMAP or nerfstudio folder, or a .vrs"
-
-# A video keeps at least so many frames, if it has them.
-_FEW = 100
 
 # FFmpeg opens other files, too: it reads a text as a film of its letters.
 _VIDEOS = (
@@ -152,11 +149,6 @@ def _read_video(path: Path, known_poses: str) -> Source:
     known = find_known_poses(path, known_poses) is not None
     about = f"a video of {count} frames" + (" with poses" if known else "")
     return Source("plain", path, about, {} if known else {"frames.stride": str(stride_for(count, rate))})
-
-
-def stride_for(count: int, rate: float) -> int:
-    """Choose ``frames.stride`` for a video of ``count`` frames at a rate [1/s]: enough frames for a walk, and not few."""
-    return max(1, min(round(rate / ENOUGH_PER_S), count // _FEW))
 
 
 def unpack(archive: Path, beside: Path) -> Path:

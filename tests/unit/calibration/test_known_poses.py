@@ -95,7 +95,7 @@ def test_the_format_is_found_or_named(pictures, colmap_folder, transforms):
     with pytest.raises(UserError, match=r"transforms.json: not found, but frames.known_poses"):
         find_known_poses(pictures, "transforms")
     transforms()
-    with pytest.raises(UserError, match=r"has colmap and transforms.json. .*frames.known_poses"):
+    with pytest.raises(UserError, match=r"colmap and .*/transforms.json: choose .*frames.known_poses"):
         find_known_poses(pictures, "auto")
     assert find_known_poses(pictures, "transforms") == "transforms"
     assert find_known_poses(pictures, "none") is None
@@ -243,7 +243,7 @@ def test_names_that_match_twice_or_never_are_named(tmp_path):
         match_pictures(["left/1.png", "right/1.png"], ["1.png"], tmp_path)
     with pytest.raises(UserError, match="1.png is both left/1.png and right/1.png"):
         match_pictures(["1.png"], ["left/1.png", "right/1.png"], tmp_path)
-    with pytest.raises(UserError, match="none of its 2 names, such as 0.png, 000001.png, .* such as 1.png"):
+    with pytest.raises(UserError, match="none of its 2 names, such as 0.png, .* such as 1.png"):
         match_pictures(["0.png", "000001.png"], ["1.png"], tmp_path)
 
 

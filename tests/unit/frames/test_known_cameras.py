@@ -1,6 +1,7 @@
 """Pictures beside known poses: how they lie, a camera for each, masks, transparency, folders."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -230,7 +231,12 @@ def test_pictures_lie_where_the_known_poses_name_them(tmp_path, kind, name, file
     write_known(recording, kind, [name.format(i) for i in range(4)])
     if kind == "colmap" and file == "images/{}.png":
         (recording / "sparse").mkdir()
-        (recording / "colmap").rename(recording / "sparse/0")
+        (recording / "colmap").rename(recording / "sparse/1")
+        write_known(recording, kind, ["0.png"])
+        (recording / "colmap").rename(recording / "sparse/0")  # as of a fragment
+        with pytest.raises(UserError, match="sparse/1 has more pictures") as caught:
+            run(recording, {})
+        subprocess.run(str(caught.value).partition("as by: ")[2], shell=True, check=True)
     if kind == "transforms":
         (recording / "colmap").mkdir()  # with nerfstudio's database
     frames, poses = run(recording, {})

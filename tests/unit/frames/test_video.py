@@ -46,11 +46,8 @@ def test_frames_whose_times_are_missing_or_out_of_order_get_even_times(source, c
 @pytest.mark.parametrize(
     ("read", "declared", "step"),
     [
-        ([40, 80, 120, 0], 25.0, 40.0),
-        ([0, 50, 100, 0, 50, 100], 25.0, 50.0),
-        ([0, 0, 0], 25.0, 40.0),
-        ([0, 0, 0], 0.0, 1e3 / 30),
-        ([90, 60, 30], 50.0, 20.0),
+        *(([40, 80, 120, 0], 25.0, 40.0), ([0, 50, 100, 0, 50, 100], 25.0, 50.0)),
+        *(([0, 0, 0], 25.0, 40.0), ([0, 0, 0], 0.0, 1e3 / 30), ([90, 60, 30], 50.0, 20.0)),
     ],
 )
 def test_the_step_is_the_one_between_frames_else_the_declared_one(read, declared, step):

@@ -60,7 +60,7 @@ def test_a_model_calibrates_the_frames_and_gives_their_poses(recording, capsys):
     np.testing.assert_allclose(poses.read("camera_to_world"), expected, atol=1e-12)
     assert length_unit(poses) == "scene units" and poses.shape("points/xyz")[0] > 20
     told = capsys.readouterr().err
-    assert "ignores 1 name without a picture: gone.png" in told and "a scene unit" in told
+    assert "names without a picture: 1, such as gone.png" in told and "a scene unit" in told
 
 
 def test_pictures_without_a_pose_are_told_and_left_out(recording, capsys):

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.run.sources import name_of, read_source, stride_for
+from egosplat.frames.pictures import stride_for
+from egosplat.run.sources import name_of, read_source
 from tests.unit.run.conftest import pack, write_pictures
 
 
@@ -16,12 +17,8 @@ from tests.unit.run.conftest import pack, write_pictures
     [
         ("video", "plain", "a video of 3 frames", {"frames.stride": "1"}),
         ("video cut off", "plain", "a video of 3 frames", {"frames.stride": "1"}),
-        ("folder", "plain", "3 pictures", {}),
-        ("nested folder", "plain", "3 pictures", {}),
-        ("nerfstudio", "plain", "3 pictures with poses", {}),
-        ("zip", "plain", "3 pictures", {}),
-        ("nested zip", "plain", "3 pictures", {}),
-        ("zip of Windows", "plain", "3 pictures with poses", {}),
+        *((kind, "plain", "3 pictures", {}) for kind in ("folder", "nested folder", "zip", "nested zip")),
+        *((kind, "plain", "3 pictures with poses", {}) for kind in ("nerfstudio", "zip of Windows")),
         ("glasses", "adt", "a recording of Aria glasses with poses", {"poses.trajectory": "closed_loop"}),
     ],
 )
@@ -93,7 +90,7 @@ def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, conte
 @pytest.mark.parametrize(
     "name, told",
     [
-        *(("transforms_val.json", "cp "), ("metadata.json", "nerfstudio's"), ("poses_bounds.npy", "give ")),
+        *(("transforms_val.json", "cp "), ("metadata.json", "nerfstudio's"), ("poses.csv", "give ")),
         *(("sparse/1/cameras.txt", "ln -s "), ("distorted/sparse/0/cameras.bin", "ln -s ")),
     ],
 )
