@@ -57,7 +57,8 @@ class Artifact:
         return self._array(name).shape
 
     def _array(self, name: str) -> zarr.Array:
-        array = self._group[name]
+        if (array := self._group.get(name)) is None:
+            raise UserError(f"{self.path}: no array {name!r} in {', '.join(self.arrays)}")
         assert isinstance(array, zarr.Array)  # checked when it was opened
         return array
 

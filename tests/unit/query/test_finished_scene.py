@@ -79,6 +79,7 @@ def test_a_variant_has_the_answers_of_what_it_shares(work):
         (lambda scene: scene.ask("cup", min_scor=0.1), "min_score"),
         (lambda scene: scene.render(), "frame or a pose"),
         (lambda scene: scene.artifact("masks"), "masks.zarr"),
+        (lambda scene: scene.artifact("poses").read("ups"), "no array 'ups' in camera_to_world"),
         (lambda scene: egosplat.export_scene(scene, "x.txt"), "x.txt"),
         (lambda scene: egosplat.open_scene("results/adt/scene9"), "results/adt/scene9/l"),
         (lambda scene: egosplat.run_stage("splat"), "splats"),
