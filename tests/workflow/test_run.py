@@ -59,6 +59,8 @@ def test_a_video_becomes_a_scene_that_answers(clip, tmp_path):
     names = shlex.join(thing["phrase"] for thing in facts_of(page)["catalog"][:3])
     suggested = f"query results/mine/wall {names} " if names else "catalog results/mine/wall\n"
     assert f"  egosplat {suggested}" in done.stderr
+    sheets = next(line for line in done.stderr.splitlines() if "story.html" in line).partition("    ")[0]
+    assert shell(folder, sheets).returncode == 0 and (folder / "results/mine/wall/crops.png").is_file()
     assert {path.name for path in folder.iterdir()} == {"config", "logs", "results", ".snakemake"}
     log = (folder / "logs/mine/wall/splats.log").read_text()
     assert all(line.startswith("splats: ") for line in log.splitlines())

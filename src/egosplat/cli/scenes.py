@@ -14,7 +14,7 @@ from egosplat.cli.flags import ARTIFACT, OVERWRITE, QUIET, KeysCommand, parse_ti
 from egosplat.errors import without_secrets
 from egosplat.export.scene import FORMATS, export_scene
 from egosplat.files import check_output
-from egosplat.pipeline.home import ASKED, PRESET_NAMES, check_scene_folder
+from egosplat.pipeline.home import ASKED, PRESET_NAMES, check_scene_folder, make_command
 from egosplat.pipeline.options import Options
 from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
@@ -269,6 +269,7 @@ def run(
     listed = facts_of(page.read_text("utf-8")).get("catalog", [])
     names = shlex.join([one["phrase"] for one in listed[:3]])
     log(f"  egosplat query {where} {names}    where is it?" if names else f"  egosplat catalog {where}")
+    log(f"  {make_command(folder / 'story.html')}    pictures of each step, which alarms name")
     log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")
     if server:
         from egosplat.viewing.command import show as show_page
