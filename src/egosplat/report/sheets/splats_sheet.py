@@ -50,7 +50,7 @@ def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
     for column, row in zip(grid.T, shown, strict=False):
         error = _draw_frame(column, frames, splats, row)
     if error is None:
-        grid[0, 0].set_title("no frame was held out", loc="left")
+        grid[0, 0].set_title("no frame was held out; frames.evaluation_frames=4 holds four out", loc="left")
     else:
         about = "error, mean over the channels"
         bar = right.colorbar(error, ax=grid[2].tolist(), extend="max", label=about, format="{x:.0%}")
