@@ -101,8 +101,7 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     size, valid = shrunk_size(full.width, full.height, options.resolution), _read_valid(path, every)
     frames, labeled = _choose_frames(every, path, options, find_labeled)
     pictures = Pictures(every.keep(frames), valid, every.pinhole, size)
-    span_s = float(np.ptp(pictures.source.timestamp_ns)) * 1e-9
-    rate = (len(frames) - 1) / span_s if span_s > 0 else 0.0
+    rate = (len(frames) - 1) / (float(np.ptp(pictures.source.timestamp_ns)) * 1e-9 or np.inf)
     if kind is None and (larger := stride_for(len(frames), rate)) > 1:
         stride = f"frames.stride={options.stride * larger}"
         log(f"{path.name}: {len(frames)} frames, {rate:.0f} a second; {stride} makes COLMAP faster")

@@ -161,16 +161,14 @@ def test_a_stride_is_advised_where_colmap_would_take_long(video, capsys):
 
 
 def test_a_variable_frame_rate_keeps_its_times(video):
-    source = video()
-    varied = source.with_name("varied.mp4")
+    varied = (source := video()).with_name("varied.mp4")
     ffmpeg("-i", source, "-vf", "setpts='if(lt(N,5),N,5+3*(N-5))/15/TB'", "-fps_mode", "vfr", varied)
     times = open_recording(varied, OPTIONS).timestamp_ns * 15e-9
     assert np.abs(times - [0, 1, 2, 3, 4, 5, 8, 11, 14, 17, 20, 23]).max() < 0.01
 
 
 def test_a_rotated_video_is_shown_upright(video):
-    source = video()
-    turned = source.with_name("turned.mp4")
+    turned = (source := video()).with_name("turned.mp4")
     ffmpeg("-display_rotation", "90", "-i", source, "-c", "copy", turned)
     recording = open_recording(turned, OPTIONS)
     assert (recording.camera.width, recording.camera.height) == (24, 32)

@@ -22,8 +22,7 @@ AV1 = bytes.fromhex(
 ENCODED = {
     "b_frames.avi": ("-c:v", "libx264", "-bf", "3", "-x264-params", "b-adapt=0"),
     "stream.h264": ("-c:v", "libx264", "-bf", "3"),
-    "stream.m2v": ("-c:v", "mpeg2video", "-bf", "2", "-r", "25"),
-    "program.mpg": ("-c:v", "mpeg2video", "-bf", "2", "-r", "25"),
+    **dict.fromkeys(("stream.m2v", "program.mpg"), ("-c:v", "mpeg2video", "-bf", "2", "-r", "25")),
 }
 
 
