@@ -114,7 +114,7 @@ def run(
     stored, record = views[order], replace(record, gathered=work.costs)
     features, row = np.empty((len(order), channels(inputs.clip)), np.float32), np.full(len(views), -1)
     row[order] = np.arange(len(order))
-    # Features of a part leave memory as they are put: all of an hour do not fit twice.
+    # A part goes when its features are put: those of an hour take gigabytes.
     for part in found:
         values = part.pop("features").numpy()
         rows, row = row[: len(values)], row[len(values) :]
