@@ -52,6 +52,7 @@ def main() -> None:
     parser.add_argument("--state", type=Path, required=True, help="file of the resumable state")
     parser.add_argument("--start", type=Path, help="initial weights (.safetensors; default: random)")
     parser.add_argument("--steps", type=int, default=16_000, help="number of steps")
+    parser.add_argument("--rate", type=float, default=4e-4, help="largest learning rate with --start")
     parser.add_argument(
         "--held-out", type=Path, help="folder of the worlds of the learning curve (default: none)"
     )
@@ -61,7 +62,8 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2, help="CPU threads")
     args = parser.parse_args()
     torch.set_num_threads(args.threads)
-    recipe = (recipe_from_weights if args.start else Recipe)(args.steps, args.seed)
+    how = args.steps, args.seed
+    recipe = recipe_from_weights(*how, args.rate) if args.start else Recipe(*how)
     try:
         worlds = read_worlds(args.worlds)
         held_out = read_worlds(args.held_out) if args.held_out else []
@@ -121,7 +123,7 @@ class Run:
         if start is not None:
             load_weights(self.model, read_tensors(start), start, SAM2)
         self.words = vocabulary(worlds)
-        self.guides = Guides(self.model.hidden_dim, len(self.words)).to(device)
+        self.guides = Guides(self.model.hidden_dim, len(self.words), recipe.guided).to(device)
         self.optimizers = self._optimizers()
         self.average = Average(self.model, recipe.average)
         self.history = {kind: deque[list[float]](maxlen=100) for kind in ("pictures", "clips")}

@@ -109,13 +109,15 @@ class Names(nn.Module):
 class Guides(nn.Module):
     """The sum of the auxiliary losses on the encoder's features."""
 
-    def __init__(self, channels: int, names: int) -> None:
+    def __init__(self, channels: int, names: int, used: bool) -> None:
         super().__init__()
-        self.pairs = PixelPairs(channels)
+        self.used, self.pairs = used, PixelPairs(channels)
         self.names = Names(channels, names)
 
     def forward(self, features: Tensor, labels: NDArray[np.int32], names: NDArray[np.int32]) -> Tensor:
-        """(B, C, h, w) features of stride 4, (B, 3, S, S) labels and (B, S, S) names -> loss."""
+        """(B, C, h, w) features of stride 4, (B, 3, S, S) labels and (B, S, S) names -> loss; 0 if not ``used``."""
+        if not self.used:
+            return features.new_zeros(())
         coarse, called = (
             torch.from_numpy(np.ascontiguousarray(each[..., 1::4, 1::4])).long().to(features.device)
             for each in (labels, names)

@@ -17,6 +17,7 @@ class Recipe:
             rendered clips; a third of the drifting ones remain.
         place_scale: frequencies of the decoder's positional encoding, as multiples of SAM2's.
         balance: initial value, see ``mask_loss``; it falls to 0 over ``balanced_steps`` of each kind of step.
+        guided: whether ``Guides`` add auxiliary losses.
     """
 
     steps: int
@@ -38,13 +39,14 @@ class Recipe:
     place_scale: float = 2.0
     balance: float = 0.5
     balanced_steps: int = 2000
+    guided: bool = True
 
     def on_clips(self, step: int) -> bool:
         """Whether a step is on clips; the others are on single images."""
         return step >= self.clips_from * self.steps and step % self.clips_every == self.clips_every - 1
 
 
-def recipe_from_weights(steps: int, seed: int) -> Recipe:
+def recipe_from_weights(steps: int, seed: int, peak_rate: float = 4e-4) -> Recipe:
     """The recipe that trains given weights further: single images at the sizes of whole frames and of crops of them.
 
     ``segments`` finds small things in crops of 320 px, and a step at 320 px has 2.6 times as many images as one at 512 px.
@@ -55,11 +57,13 @@ def recipe_from_weights(steps: int, seed: int) -> Recipe:
         seed,
         sides=(512, 384, 320, 320),
         clips_from=0.0,
-        clips_every=8,
-        pictures=3,
+        clips_every=16,
+        pictures=2,
         clips=1,
         still=0.0,
-        peak_rate=8e-4,
-        warm_up=100,
+        peak_rate=peak_rate,
+        warm_up=40,
+        average=0.996,
         balance=0.0,
+        guided=False,
     )

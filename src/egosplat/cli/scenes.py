@@ -267,7 +267,7 @@ def run(
     size = sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
     log(f"{folder} is ready, {size / 1e6:,.0f} MB; its page, to share: {page}; logs: {logs}", always=True)
     listed = facts_of(page.read_text("utf-8")).get("catalog", [])
-    names = shlex.join([one["phrase"] for one in listed[:3]])
+    names = shlex.join([*dict.fromkeys(one["phrase"] for one in listed)][:3])
     log(f"  egosplat query {where} {names}    where is it?" if names else f"  egosplat catalog {where}")
     log(f"  {make_command(folder / 'story.html')}    pictures of each step, which alarms name")
     log(f"  egosplat view {where}    walk through the scene in the browser, ask it, click on things")

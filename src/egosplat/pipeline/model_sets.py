@@ -22,14 +22,14 @@ _OF_SMALL: dict[str, dict[str, Any]] = {
 _OF_PHOTOS = {"min_score": 0.62, "size_weight": 0.0, "box_filter": 0.12, "present_share": 0.55}
 _OF_THE_PAPER = {"sam2_config": "sam2.1_hiera_b+", "clip_model": "ViT-B-16"}
 
-# Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the defaults of the
-# options, too; those of ``published`` are the paper's or LangSplat's; ``photos`` finds masks with the small SAM2.
+# Defaults by set of models, of each key whose best value depends on the model. Those of ``small`` are the options' own, too.
 DEFAULTS: dict[str, dict[str, dict[str, Any]]] = {
     AUTO: _OF_SMALL,
     SMALL: _OF_SMALL,
     PHOTOS: _OF_SMALL
     | {
-        "models": _OF_SMALL["models"] | {"clip_model": PHOTOS, "clip_checkpoint": PHOTOS},
+        "models": dict.fromkeys(_OF_SMALL["models"], PHOTOS) | {"sam2_config": SMALL},
+        "segments": _OF_SMALL["segments"] | {"crops_per_side": 1},
         "query": _OF_SMALL["query"] | _OF_PHOTOS,
     },
     PUBLISHED: {

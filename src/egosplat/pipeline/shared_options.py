@@ -48,7 +48,7 @@ class SetOptions(Options, section="models"):
     """The set of models."""
 
     set: Literal["auto", "small", "photos", "light", "published"] = "auto"
-    """Which models (docs/models.md): small (bundled, of synthetic apartments only), photos (the small SAM2, and words of
+    """Which models (docs/models.md): small (bundled, of synthetic apartments only), photos (a small SAM2, and words of
     ImageNet's classes), light (SAM2.1 tiny and a fast OpenCLIP, which egosplat run takes for recordings), published (the
     paper's), or auto: small for egosplat's apartments, else photos (a stage by hand: small). Keys whose best value
     depends on the model have a default for each set; a key that you set yourself wins."""
@@ -62,8 +62,8 @@ class Sam2Options(Options, section="models"):
     YAML file. Larger models segment better and are much slower without a GPU."""
 
     sam2_checkpoint: Text = "small"
-    """SAM2 weights: small (bundled, trained on synthetic apartments only), published (those of sam2_config in the
-    folder cache), or a .pt or .safetensors file that fits sam2_config."""
+    """SAM2 weights: small (bundled, trained on synthetic apartments only), photos (bundled, trained further on plainer
+    ones), published (those of sam2_config in the folder cache), or a .pt or .safetensors file that fits sam2_config."""
 
 
 class ClipOptions(Options, section="models"):

@@ -29,8 +29,7 @@ class MaskFilter:
 
     Attributes:
         pred_iou_thresh: least IoU as predicted by SAM2.
-        stability_score_thresh, stability_score_offset: least IoU of the mask at a slightly higher and a slightly lower
-            threshold, and their distance from 0 [logits]. 1 would reject half of the small model's masks.
+        stability_score_thresh, stability_score_offset: least IoU of the masks cut an offset above and below 0, and the offset [logits].
         nms_score_thresh: masks with this score (predicted IoU x stability) or less are dropped.
         nms_iou_thresh, nms_inner_thresh: see ``masks.mask_nms``.
         box_nms_thresh: box IoU above which the mask with the lower predicted IoU is dropped.

@@ -113,10 +113,10 @@ def test_a_smaller_stride_is_advised_where_there_is_one(tmp_path, stride):
     assert "[" not in line and line.endswith("others" if stride == 1 else "frames.stride")
 
 
-@pytest.mark.parametrize("weights, told", [("small", True), ("sam2.1_hiera_tiny.pt", False)])
-def test_other_models_are_advised_where_they_do_not_serve(tmp_path, weights, told):
+@pytest.mark.parametrize("architecture, told", [("small", True), ("sam2.1_hiera_t", False)])
+def test_other_models_are_advised_where_they_do_not_serve(tmp_path, architecture, told):
     figures = FIGURES | {"frames_per_instance": 9.0}
-    for alarm in alarms_of(written(tmp_path, "segments", {}, figures, options={"sam2_checkpoint": weights})):
+    for alarm in alarms_of(written(tmp_path, "segments", {}, figures, options={"sam2_config": architecture})):
         line = alarm_line(alarm)
         assert ("models.set" in line) == told and "raise segments.points_per_side" in line
 

@@ -47,11 +47,11 @@ def test_a_missing_checkpoint_names_its_key_and_a_tilde_is_the_home_folder(tmp_p
     assert "egosplat models --all" in second and f"models: {{{model.checkpoint_key}: PATH}}" in second
     (tmp_path / "none.pt").touch()
     assert find_checkpoint(model, "~/none.pt") == tmp_path / "none.pt"
-    gone = replace(model, small=tmp_path / "model.safetensors")
+    gone = replace(model, bundled={"small": (bundled := tmp_path / "model.safetensors")})
     with pytest.raises(UserError, match=f"{model.name}.*model.safetensors"):
         find_checkpoint(gone, "small")
-    gone.small.touch()
-    assert find_checkpoint(gone, "small") == gone.small
+    bundled.touch()
+    assert find_checkpoint(gone, "small") == bundled
 
 
 def test_the_hash_is_sha256_and_a_file_is_read_once(tmp_path, monkeypatch):

@@ -60,7 +60,7 @@ def egosplat(*words: str) -> str:
 
 def test_the_small_models_are_there(folder, server):
     listed = egosplat()
-    assert listed.count("bundled with egosplat") == 2 and "Nothing is missing." in listed
+    assert listed.count("bundled with egosplat") == 3 and "Nothing is missing." in listed
     assert "transient.encoder_weights" not in listed
     assert "bundled" in egosplat("download") and server.requests == []
 
