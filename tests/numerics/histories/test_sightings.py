@@ -18,7 +18,7 @@ def see(mask: np.ndarray, depth: np.ndarray):
     """A track with a mask, in all frames of a camera that goes to the right by 2 m; and the carries of it."""
     labels = np.where(mask, 0, -1).astype(np.int32)[None]
     recording = SimpleNamespace(
-        labels=lambda _: labels,
+        instances=SimpleNamespace(row=lambda *_: labels),
         depth=lambda _: depth,
         is_track=np.array([True]),
         valid=np.ones(mask.shape, bool),
