@@ -24,6 +24,7 @@ from egosplat.progress import log
 from egosplat.transient.masks_stage import (
     LEAST_OUTSTANDING,
     PIXEL_PROBABILITY,
+    looks_static,
     refined_mask,
     transient_instances,
 )
@@ -74,8 +75,8 @@ class Scene:
             found.add(labels[frame], self.probability[frame])
             if self.measured[frame]:
                 outstanding.add(np.where(self.compared, labels[frame], -1), self.stands_out[frame])
-        moves = may_move & ((outstanding.scores >= LEAST_OUTSTANDING) | (outstanding.pixels == 0))
-        chosen = {t: transient_instances(found.scores, found.pixels, t) & moves for t in THRESHOLDS}
+        static = looks_static(outstanding, LEAST_OUTSTANDING) | ~may_move
+        chosen = {t: transient_instances(found.scores, found.pixels, t) & ~static for t in THRESHOLDS}
         return {t: self._scores(self._masks(labels, one)) for t, one in chosen.items()}
 
     def _masks(self, labels: list[Labels], chosen: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:

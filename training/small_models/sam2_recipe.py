@@ -46,7 +46,7 @@ class Recipe:
         return step >= self.clips_from * self.steps and step % self.clips_every == self.clips_every - 1
 
 
-def recipe_from_weights(steps: int, seed: int, peak_rate: float = 4e-4) -> Recipe:
+def recipe_from_weights(steps: int, seed: int, peak_rate: float) -> Recipe:
     """The recipe that trains given weights further: single images at the sizes of whole frames and of crops of them.
 
     ``segments`` finds small things in crops of 320 px, and a step at 320 px has 2.6 times as many images as one at 512 px.

@@ -233,12 +233,12 @@ def test_a_corrupt_training_state_is_reported(tmp_path):
     assert read_state(path, torch.device("cpu")) == {"step": 5}
 
 
-@pytest.mark.parametrize("recipe", [Recipe(steps=1, seed=0), recipe_from_weights(steps=1, seed=0)])
+@pytest.mark.parametrize("recipe", [Recipe(steps=1, seed=0), recipe_from_weights(1, 0, 4e-4)])
 def test_the_configured_side_lies_between_the_trained_ones(recipe):
     sides = recipe.sides
     assert min(sides) <= OmegaConf.load(train_sam2.CONFIG).model.image_size <= max(sides)
 
 
 def test_training_from_weights_has_clips_from_the_first_steps_on():
-    recipe = recipe_from_weights(steps=1000, seed=0)
+    recipe = recipe_from_weights(1000, 0, 4e-4)
     assert [step for step in range(32) if recipe.on_clips(step)] == [15, 31]

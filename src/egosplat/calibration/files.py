@@ -307,8 +307,9 @@ def known_poses_path(recording: Path, kind: str) -> Path:
 def check_parts(recording: Path) -> None:
     """UserError if a COLMAP project, which numbers the models of unconnected parts, has one with more pictures than ``sparse/0``."""
     model = known_poses_path(recording.absolute(), "colmap")
-    parts = [model, *sorted(model.parent.glob("[1-9]*"))] if model.name == "0" else [model]
-    if (largest := max(parts, key=lambda part: len(_names(part)))) != model:
+    others = sorted(model.parent.glob("[1-9]*")) if model.name == "0" else []
+    # One alone is not read: an hour's has gigabytes.
+    if others and (largest := max([model, *others], key=lambda part: len(_names(part)))) != model:
         link = shlex.join(["ln", "-s", str(largest), str(recording.absolute() / "colmap")])
         raise UserError(f"{model}: {largest} has more pictures, of another part. Choose one, as by: {link}")
 

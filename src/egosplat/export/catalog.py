@@ -56,11 +56,11 @@ def run(
 
 
 def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
+    if output.suffix.lower() == ".json":
+        return write_json(output, [describe(scene, one) for one in things])
     records = [_record(scene, thing) for thing in things]
     columns = None if records else ["name", "also", "answer", "origin", "unit"]
-    if output.suffix.lower() == ".json":
-        write_json(output, [describe(scene, one) for one in things])
-    elif output.suffix:
+    if output.suffix:
         write_text(output, pd.DataFrame(records, columns=columns).convert_dtypes().to_csv(index=False))
     else:
         gaussians = scene.gaussians.to(torch.device("cpu"))

@@ -177,10 +177,11 @@ def see_places(
             pose, full = recording.camera_to_world[frame], recording.camera
             picture, labels = recording.frames.row("rgb", frame), recording.instances.row("labels", frame)
             shows = recording.valid & ~recording.moving(frame, labels)
-            local = transform(invert(pose), means)
+            to_camera = invert(pose)
+            local = transform(to_camera, means)
             for _, number in numbers:
                 end = ends[number]
-                point, radius = transform(invert(pose), end.center[None]), np.array([end.radius])
+                point, radius = transform(to_camera, end.center[None]), np.array([end.radius])
                 left, top, right, bottom = _crops(point, radius, recording)[1][0].tolist()
                 cut = np.s_[top:bottom, left:right]
                 own = (labels[:, top:bottom, left:right] == end.track).any(axis=0) & recording.valid[cut]

@@ -83,6 +83,9 @@ def _nested(frame: int, numbers: NDArray[np.int32], masks: list[Bools]) -> Nesti
     step = max(1, max(masks[0].shape) // _COMPARED)
     flat = np.stack([mask[::step, ::step].ravel() for mask in masks]).astype(np.float32)
     common, area = flat @ flat.T, flat.sum(axis=1)
-    pairs = (pair for pair in np.argwhere(common > 0).tolist() if pair[0] != pair[1])
-    pairs = ((small, large) for small, large in pairs if (area[small], small) < (area[large], large))
-    return {(frame, int(numbers[a]), int(numbers[b])): float(common[a, b] / area[a]) for a, b in pairs}
+    found = {}
+    for small, large in np.argwhere(common > 0).tolist():
+        if (area[small], small) < (area[large], large):
+            pair = frame, int(numbers[small]), int(numbers[large])
+            found[pair] = float(common[small, large] / area[small])
+    return found

@@ -41,7 +41,7 @@ class Runs:
         """Take (R, n) weights, summed inside the masks and in the frames of the masks [px]; the (n,) weight of each
         Gaussian in an IoU."""
         self._weight = weight
-        self._votes, self._seen, self.voters = _rows(votes), _rows(seen), sparse.csr_array(votes.T)
+        self._votes, self._seen, self.voters = rows_of(votes), rows_of(seen), sparse.csr_array(votes.T)
         self.held = [self._holds(run) for run in range(len(self._votes))]
         self._size = np.array([weight[held].sum() for held in self.held])
 
@@ -80,8 +80,8 @@ class Runs:
         return found
 
 
-def _rows(matrix: Any) -> list[Row]:
-    """The rows, in the order of their columns."""
+def rows_of(matrix: Any) -> list[Row]:
+    """Indices and values of each row of a sparse matrix, or column of one by columns, in order; views."""
     matrix.sort_indices()
     spans = [slice(*span) for span in pairwise(matrix.indptr.tolist())]
     return [(matrix.indices[span], matrix.data[span]) for span in spans]

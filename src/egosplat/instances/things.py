@@ -1,13 +1,11 @@
 """Things of one level: runs of masks, merged, without masks and things that contradict the others."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from egosplat.instances.lifted_masks import INSIDE, LEAST_SEEN, LiftedMasks, holds, masks_of
-from egosplat.instances.merging import merge
+from egosplat.instances.merging import merge, rows_of
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.floating]
@@ -47,26 +45,19 @@ def find_things(masks: LiftedMasks, weight: Floats) -> tuple[Ints, dict[str, int
 
 def _outlier_masks(masks: LiftedMasks, thing: Ints) -> NDArray[np.bool_]:
     """(V,) masks that overlap their thing too little on what their frame has seen."""
-    dropped = np.zeros(len(thing), bool)
+    dropped, votes, frames = np.zeros(len(thing), bool), rows_of(masks.votes), rows_of(masks.seen)
     for mine in masks_of(thing):
         if len(mine) < _FEW_MASKS:
             continue
         whole = _holds(masks, mine)
         for mask in mine:
-            gaussian, weight = _row(masks.votes, mask)
-            shown, seen = _row(masks.seen, int(masks.frame[mask]))
+            (gaussian, weight), (shown, seen) = votes[mask], frames[masks.frame[mask]]
             # A vote is all that is seen of the Gaussian in the frame.
             member = weight >= INSIDE * LEAST_SEEN
             shared = weight[member & whole[gaussian]].sum()
             union = weight[member].sum() + seen[whole[shown] & (seen >= LEAST_SEEN)].sum() - shared
             dropped[mask] = shared < _DROP_IOU * union
     return dropped
-
-
-def _row(matrix: Any, number: int) -> tuple[NDArray[np.integer], Floats]:
-    """Indices and values of a row of a sparse matrix, or of a column of one by columns."""
-    span = slice(*matrix.indptr[number : number + 2])
-    return matrix.indices[span], matrix.data[span]
 
 
 def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats) -> list[int]:

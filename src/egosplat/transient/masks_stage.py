@@ -48,6 +48,11 @@ def transient_instances(scores: Scores, pixels: NDArray[np.int64], threshold: fl
     return np.asarray(scores >= threshold) & (pixels > 0)
 
 
+def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
+    """(N,) whether less than the share ``least`` of an instance's pixels stand out; False if none was measured."""
+    return np.asarray(outstanding.scores < least) & (outstanding.pixels > 0)
+
+
 def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """(H, W) union of the transient instances in one frame, from (L, H, W) labels and the (N,) set."""
     # Label -1 indexes the appended last entry: pixels without an instance are not transient.
@@ -74,7 +79,7 @@ def run(
     scores, pixels = by_probability.scores, by_probability.pixels
     called = transient_instances(scores, pixels, options.threshold)
     guarded = options.recipe == "own"
-    static = (outstanding.scores < (LEAST_OUTSTANDING if guarded else 0)) & (outstanding.pixels > 0)
+    static = looks_static(outstanding, LEAST_OUTSTANDING if guarded else 0)
     chosen, seen = called & ~static, int((pixels > 0).sum())
     withheld, many = None, int(chosen.sum())
     if guarded and mean_probability > MAX_SHARE:
