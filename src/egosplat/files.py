@@ -132,8 +132,8 @@ def read_json(path: Path) -> Any:
 _ROOM_BYTES = 2**20
 
 
-def check_writable(folders: Iterable[Path]) -> None:
-    """Check that a file of 1 MiB can be written in each folder, or in its nearest parent that exists (UserError)."""
+def check_writable(folders: Iterable[Path], advice: str = "Results go there; make it writable") -> None:
+    """Check that a file of 1 MiB can be written in each folder, or in its nearest parent that exists (UserError, with the advice)."""
     existing = (
         next(each for each in (folder, *folder.absolute().parents) if each.is_dir()) for folder in folders
     )
@@ -143,9 +143,8 @@ def check_writable(folders: Iterable[Path]) -> None:
                 probe.write(bytes(_ROOM_BYTES))
                 probe.flush()
         except OSError as error:
-            writable = "Results, logs and notes are written there; make it writable"
-            advice = MAKE_ROOM if error.errno in NO_ROOM else writable
-            raise UserError(f"{folder.absolute()}: {error.strerror}. {advice}") from None
+            told = MAKE_ROOM if error.errno in NO_ROOM else advice
+            raise UserError(f"{folder.absolute()}: {error.strerror}. {told}") from None
 
 
 def check_output(path: Path, own_name: str, *, overwrite: bool) -> None:
@@ -176,7 +175,7 @@ def _check_parent(path: Path) -> None:
     nearest = next(each for each in path.absolute().parents if each.exists())
     if not nearest.is_dir():
         raise UserError(f"{path}: {nearest} is no folder; give another --output")
-    check_writable([path.parent])
+    check_writable([path.parent], "Give another --output, or make it writable")
 
 
 def _begin(path: Path) -> Path:

@@ -134,8 +134,9 @@ def test_an_unwritable_folder_is_named_with_the_reason(tmp_path, monkeypatch, ch
         raise OSError(number, os.strerror(number))
 
     monkeypatch.setattr(tempfile, "NamedTemporaryFile", refuse)
-    with pytest.raises(UserError, match=rf"{tmp_path}: {os.strerror(number)}\. .*{advice}"):
+    with pytest.raises(UserError, match=rf"{tmp_path}: {os.strerror(number)}\. .*{advice}") as caught:
         check(tmp_path)
+    assert ("another --output" in str(caught.value)) == (check == output and number == errno.EACCES)
 
 
 @pytest.mark.parametrize("write", [atomic_file, atomic_directory])

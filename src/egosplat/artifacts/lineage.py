@@ -63,7 +63,7 @@ def locate(folder: Path, *names: str) -> list[Path]:
     variants. One that is nowhere would be in ``folder``. UserError if an artifact or metrics.json of the
     variant is damaged, or its artifacts do not belong together."""
     found: Mapping[str, Artifact] = {}
-    if folder.parent.name == "variants" and (own := _own(folder)):
+    if shared_with(folder) and (own := _own(folder)):
         found = lineage(own).found
     paths = {file: artifact.path for file, artifact in found.items()}
     return [paths.get(f"{name}.zarr", folder / f"{name}.zarr") for name in names]

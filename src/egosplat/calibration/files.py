@@ -57,16 +57,19 @@ TRAJECTORIES = {
 }
 
 # Poses that are not read: a pattern of their names, what a file holds, and how they become readable; {0} is the folder, {1} the
-# file and {2} its folder. The last two are COLMAP's models where none is looked for, and what other programs and data sets write.
+# file and {2} its folder. The first are read in a folder above; the last two are COLMAP's models where none is looked for, and what
+# other programs and data sets write.
 _COPY, _LINK = "cp {1} {0}/transforms.json, and give {0}", "ln -s {2} {0}/colmap, and give {0}"
 _CONVERT = "nerfstudio's ns-process-data {1} --data {0} --output-dir NEW makes a folder to give"
 _GIVE = "give a COLMAP model as {0}/colmap, or {0}/transforms.json"
+_PROJECTS = [f"{model}/cameras.*" for model in PROJECT_MODELS]
 _MODELS = ("cameras.bin", "sparse/[1-9]*/cameras.*", "dense/**/cameras.*", "distorted/**/cameras.*")
 _OTHERS = (
     *("poses*.*", "groundtruth.txt", "traj.txt", "pose/*", "*.pose.txt", "cams/*.txt"),
     *("cameras.sfm", "sfm_data.json", "bundle.out", "cameras.xml", "cameras.json", "odometry.csv"),
 )
 OTHER_POSES = {
+    **dict.fromkeys(("transforms.json", "colmap/cameras.*", *_PROJECTS), (b"", "give {0}")),
     "transforms_*.json": (b'"frames"', _COPY),
     METADATA: (b'"poses"', _CONVERT.format("{0}", "record3d")),
     "keyframes/*cameras": (b"", _CONVERT.format("{0}", "polycam")),
@@ -287,8 +290,8 @@ def present_known_poses(recording: Path, wanted: str) -> list[str]:
 
 def other_poses(recording: Path) -> str | None:
     """Name poses in a folder or above it that are not read, and what makes them readable; None if there are none."""
-    for folder in (recording, *recording.absolute().parents[:2]):
-        for name, (key, advice) in OTHER_POSES.items():
+    for name, (key, advice) in OTHER_POSES.items():
+        for folder in (recording, *recording.absolute().parents[:2]):
             for path in sorted(folder.glob(name)):
                 # Many programs write a metadata.json, which may be another user's.
                 if not key or (path.is_file() and os.access(path, os.R_OK) and key in path.read_bytes()):

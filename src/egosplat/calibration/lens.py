@@ -12,14 +12,14 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from egosplat.errors import UserError
+from egosplat.errors import UserError, reraise_as
 from egosplat.files import read_json
 from egosplat.geometry import Camera
 
 # COLMAP's camera models without and with an angular (fisheye) projection. Its other models are rare.
 _PERSPECTIVE = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV")
 _FISHEYE = ("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "OPENCV_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE")
-_MODELS = (*_PERSPECTIVE, *_FISHEYE)
+_UNDISTORT = "colmap image_undistorter --image_path IMAGES --input_path MODEL --output_path NEW, and give NEW"
 
 # Points on each side of the picture at which the rectified field of view is measured.
 _BORDER_POINTS = 200
@@ -68,9 +68,8 @@ class Lens:
 
     def check(self, source: str) -> "Lens":
         """Return self; UserError, of ``source``, if the model is unsupported, a parameter impossible, or no ``pinhole``."""
-        if self.model not in _MODELS:
-            models = ", ".join(_MODELS)
-            raise UserError(f"{source}: camera model {self.model} is not supported. Supported: {models}.")
+        if self.model not in (*_PERSPECTIVE, *_FISHEYE):
+            raise UserError(f"{source}: camera {self.model} is not supported. Undistort it: {_UNDISTORT}.")
         fx, fy, cx, cy = self._linear()
         sizes = (cx, self.width), (cy, self.height)
         # Normalized ones are about a half of a pixel.
@@ -82,10 +81,8 @@ class Lens:
             rule = f"fx, fy must be {bounds}, (cx, cy) inside, and all numbers finite"
             given = f"{self.model} {list(self.params)} of {self.width}x{self.height} px"
             raise UserError(f"{source}: {rule}, not {given}.")
-        try:
+        with reraise_as(lambda error: UserError(f"{source}: {error}"), (UserError,)):
             _ = self.pinhole
-        except UserError as error:
-            raise UserError(f"{source}: {error}") from error
         return self
 
     def _linear(self) -> tuple[float, float, float, float]:

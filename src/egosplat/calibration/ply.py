@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from egosplat.errors import UserError, reraise_as
 from egosplat.progress import log
 
-# numpy's types by the names of C and of numpy, and orders of bytes.
+# numpy's types by the names of C, beside its own names, and orders of bytes.
 _TYPES = {"char": "i1", "short": "i2", "int": "i4", "float": "f4", "double": "f8"}
-_TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4", "int8": "i1", "int16": "i2", "int32": "i4"}
-_TYPES |= {"uint8": "u1", "uint16": "u2", "uint32": "u4", "float32": "f4", "float64": "f8"}
+_TYPES |= {"uchar": "u1", "ushort": "u2", "uint": "u4"}
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 # Color of points without one, largest number of a color, and names of colors, in small letters: usual, of MeshLab, and of PCL.
 _GREY, _MOST = 128, 2.0**32
@@ -59,7 +58,7 @@ def read_vertices(path: Path) -> NDArray[np.void]:
         if element != "vertex" or int(count) < 0:
             raise ValueError(f"its first element is {element} {count}")
         columns = [words for words in lines[first : others[0] if others else None] if words[0] == "property"]
-        table = np.dtype([(name, order + _TYPES[kind]) for _, kind, name in columns])
+        table = np.dtype([(name, _TYPES.get(kind, kind)) for _, kind, name in columns]).newbyteorder(order)
         body = body.partition(b"\n")[2]
         if order != "=":
             return np.frombuffer(body, table, int(count))

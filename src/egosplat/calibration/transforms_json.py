@@ -74,7 +74,9 @@ def read_transforms(path: Path, width: int, height: int) -> Contents:
     ]
     points, colors = np.empty((0, 3)), np.empty((0, 3), np.uint8)
     if document.ply_file_path is not None:
-        points, colors = read_points(named_path(path.parent, document.ply_file_path))
+        if not (cloud := named_path(path.parent, document.ply_file_path)).is_file():
+            raise UserError(f"{path}: ply_file_path: no file {cloud}. Remove the key to triangulate points.")
+        points, colors = read_points(cloud)
     notes: dict[str, Any] = {}
     if document.applied_transform:
         notes["applied_transform"] = applied = document.applied_transform[:3]

@@ -92,8 +92,8 @@ def open_source(path: Path, known_poses: str | None, *, turned: bool | None = No
     width, height = source.size
     for picture, size in zip(source.pictures, source.sizes, strict=True):
         if known_poses is None and size != (width, height):
-            of_most = f"{size[0]}x{size[1]} px, but most images of the folder are {width}x{height}"
-            raise UserError(f"{picture.path}: {of_most}. All must have the same size.")
+            told = f"{size[0]}x{size[1]} px, but most images of the folder are {width}x{height}"
+            raise UserError(f"{picture.path}: {told}. Leave other sizes out, or give a COLMAP project.")
     return source
 
 

@@ -98,8 +98,8 @@ def _settings_of(path: Path) -> str:
 
 def shared_with(folder: Path) -> list[Path]:
     """List the folders that may hold artifacts of a variant: its scene's, then those of all variants; none for a scene."""
-    # A variant shares artifacts with its scene and with the variants that it extends.
-    parent = folder.parent
+    # A variant shares artifacts with its scene and with the variants that it extends. A link to it may have any name.
+    parent = folder.parent if folder.parent.name == "variants" else folder.resolve().parent
     return [parent.parent, *sorted(parent.iterdir())] if parent.name == "variants" else []
 
 

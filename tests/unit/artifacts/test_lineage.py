@@ -80,10 +80,13 @@ def test_artifacts_are_located_in_the_scene_and_else_would_be_in_the_folder(vari
         locate(variant, "language")
 
 
-def test_inputs_of_a_variants_codes_are_found_by_digest(variant):
+def test_inputs_of_a_variants_codes_are_found_by_digest(variant, tmp_path, monkeypatch):
     """Another variant, which this one extends, has the Gaussians; the scene has others of the same name."""
     scene, below = variant.parents[1], variant.parent / "below"
     move(scene, variant, "language")
     move(scene, below, "splats")
-    places = {"frames": scene, "splats": below, "language": variant, "masks": variant}
-    assert locate(variant, *places) == [folder / f"{name}.zarr" for name, folder in places.items()]
+    (link := tmp_path / "link").symlink_to(variant)
+    monkeypatch.chdir(variant)
+    for own in (variant, link, Path()):
+        places = {"frames": scene, "splats": below, "language": own, "masks": own}
+        assert locate(own, *places) == [folder / f"{name}.zarr" for name, folder in places.items()]

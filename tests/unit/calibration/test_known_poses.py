@@ -124,7 +124,6 @@ NOT_RIGID = "3.png: the pose|not a readable COLMAP model"
 BAD_MODELS = [
     *((name, ".*", "hello world\n", "not a readable") for name in FILES),
     *((name, ".*", "\xff\x00\xfe" * 50, "not a readable") for name in FILES),
-    ("cameras", ".*", f"1 FOV {WIDTH} {HEIGHT} 60 60 31 25 0.9\n", "1.png: .*model FOV .*OPENCV_FISHEYE"),
     ("images", "3.png", "3 a.png", "images.txt: 3 a.png: no spaces in names"),
     ("images", POSE_OF_3, "1 0 0 0 1e999 2 3", NOT_RIGID),
     ("images", POSE_OF_3, "1 0 0 0 nan 2 3", NOT_RIGID),
@@ -184,7 +183,7 @@ def frame(*rows: list[float], **changes: object) -> list[dict[str, object]]:
         (ANGLE | {"x_fov": 200.0}, "x_fov is 200, .*degrees"),
         *(({"cx": cx}, r"\(cx, cy\) inside") for cx in (100.0, 0.5)),
         ({"applied_scale": 0}, "applied_scale"),
-        ({"ply_file_path": "nowhere.ply"}, "nowhere.ply: not a readable PLY"),
+        ({"ply_file_path": "nowhere.ply"}, "no file .*nowhere.ply. Remove the key"),
         *(({"ply_file_path": path}, "ply_file_path") for path in (3, [])),
     ],
 )
@@ -192,7 +191,7 @@ def test_a_bad_transforms_file_is_named(pictures, transforms, changes, problem):
     path = transforms(**(changes if isinstance(changes, dict) else {}))
     path.write_text(changes) if isinstance(changes, str) else None
     assert path in known_pose_files(pictures, "auto")
-    with pytest.raises(UserError, match=f"transforms.json: .*{problem}|nowhere.ply: not a") as caught:
+    with pytest.raises(UserError, match=f"transforms.json: .*{problem}") as caught:
         read_known_poses(pictures, "transforms", *SIZE)
     assert "\n" not in str(caught.value)
 

@@ -5,6 +5,7 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 from PIL import Image
 
@@ -261,14 +262,19 @@ def test_masks_of_instant_ngp_are_no_pictures(folder, capsys):
     assert "1 of 2 dynamic_mask_" in capsys.readouterr().err
     pictures = opened("frames", "plain", folder, "auto")
     assert folder / "dynamic_mask_1.png" in pictures and len(pictures) == len(set(pictures)) == 7
-
-
-def test_masks_that_leave_nothing_are_an_error(folder):
-    for index in range(1, 5):
-        save(folder / f"dynamic_mask_{index}.png", np.full((HEIGHT, WIDTH), 255, np.uint8))
-    write_transforms(folder, NAMES)
+    for name in NAMES:
+        save(folder / f"dynamic_mask_{name}", np.full((HEIGHT, WIDTH), 255, np.uint8))
     with pytest.raises(UserError, match="masks leave no pixel.*dynamic_mask_"):
         open_recording(folder, OPTIONS)
+
+
+def test_what_undistorts_a_camera_that_is_not_supported_makes_a_project(folder):
+    """pycolmap's name of ``colmap image_undistorter``."""
+    write_model(folder, NAMES, [f"FOV {WIDTH} {HEIGHT} 60 60 32 24 0.5"], [1] * 4)
+    with pytest.raises(UserError, match="colmap: 1.png: camera FOV is not supported.*image_undistorter"):
+        open_recording(folder, OPTIONS)
+    pycolmap.undistort_images(folder.parent / "new", folder / "colmap", folder)
+    assert open_recording(folder.parent / "new", OPTIONS).camera_known
 
 
 def test_the_lens_is_looked_for_in_the_pixels_that_a_picture_shows(folder, monkeypatch):

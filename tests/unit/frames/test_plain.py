@@ -110,7 +110,7 @@ TEXTURED = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8
 BAD_IMAGES = {
     "a mask of another size": ("valid.png", Image.new("L", (63, 48), 255), "63x48"),
     "a black mask": ("valid.png", Image.new("L", (64, 48), 0), "black"),
-    "another size": ("7.png", Image.new("RGB", (48, 64)), "48x64 px.*64x48"),
+    "another size": ("7.png", Image.new("RGB", (48, 64)), "48x64 px.*64x48.*COLMAP project"),
     "no image": ("7.png", None, ""),
     "cut off": ("3.png", Image.fromarray(TEXTURED), ""),
     "16 bits": ("3.png", Image.fromarray(np.zeros((48, 64), np.uint16)), "as of depth"),

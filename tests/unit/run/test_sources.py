@@ -90,7 +90,8 @@ def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, conte
 @pytest.mark.parametrize(
     "name, told",
     [
-        *(("transforms_val.json", "cp "), ("metadata.json", "nerfstudio's"), ("poses.csv", "give ")),
+        *(("transforms_val.json", "cp "), ("metadata.json", "nerfstudio's")),
+        *((name, "give ") for name in ("poses.csv", "transforms.json", "sparse/0/cameras.bin")),
         *(("sparse/1/cameras.txt", "ln -s "), ("distorted/sparse/0/cameras.bin", "ln -s ")),
     ],
 )
