@@ -75,13 +75,12 @@ def read_model(folder: Path) -> Contents:
             (Path(scratch) / file.name).symlink_to(file.absolute())
         try:
             model = pycolmap.Reconstruction(scratch)
+            images = sorted((one for one in model.images.values() if one.has_pose), key=lambda one: one.name)
         except (ValueError, IndexError, RuntimeError, OSError) as error:
             reason = str(error).replace(f"{scratch}/", "").partition("\n")[0][-200:]
             raise UserError(f"{folder}: not a readable COLMAP model ({reason}). Export it again.") from error
-    posed = [image for image in model.images.values() if image.has_pose]
-    if not posed:
+    if not images:
         raise UserError(f"{folder}: has no image with a pose.")
-    images = sorted(posed, key=lambda image: image.name)
     motions = [image.cam_from_world() for image in images]
     world_to_camera = np.stack([motion.matrix() for motion in motions])
     # pycolmap takes a quaternion of zeros, or of a scale alone, for no rotation; few digits are no scale.
@@ -100,11 +99,12 @@ def read_model(folder: Path) -> Contents:
 
 
 def _check_names(path: Path) -> None:
-    """Raise UserError if a name has a space, where COLMAP ends it."""
+    """Raise UserError if a name has a space, where COLMAP ends it, or an image has no line of points, which may be empty."""
     with path.open(encoding="utf-8", errors="replace") as lines:
         for line in lines:
             if (words := line.split()) and words[0][0] != "#":
-                next(lines, None)
+                if words[9:] and len(next(lines, "none").split()) % 3:
+                    raise UserError(f"{path}: {words[9]}: the next line must have its points, or be empty.")
                 if words[10:]:
                     raise UserError(f"{path}: {' '.join(words[9:])}: no spaces in names. Export it as .bin.")
 

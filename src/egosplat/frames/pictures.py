@@ -176,7 +176,7 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
         log(f"{known}: its cameras have the size of pictures that are turned by their EXIF orientation")
     if (index := _misfit(source)) is not None:
         lens, (width, height) = source.lenses[source.pictures[index].lens], source.sizes[index]
-        of_frames = f"the frames are {width}x{height} ({source.names[index]})"
+        of_frames = f"the frames are {width}x{height} ({source.names[index]}): give those of its size"
         raise UserError(f"{known}: for {lens.width}x{lens.height} px, but {of_frames}.")
     return source
 

@@ -125,6 +125,8 @@ BAD_MODELS = [
     *((name, ".*", "hello world\n", "not a readable") for name in FILES),
     *((name, ".*", "\xff\x00\xfe" * 50, "not a readable") for name in FILES),
     ("images", "3.png", "3 a.png", "images.txt: 3 a.png: no spaces in names"),
+    ("images", "3.png\n.*?\n", "3.png\n", "images.txt: 3.png: the next line must have its points"),
+    ("images", "3.png", "\xfc.png", "not a readable COLMAP model .'utf-8'"),
     ("images", POSE_OF_3, "1 0 0 0 1e999 2 3", NOT_RIGID),
     ("images", POSE_OF_3, "1 0 0 0 nan 2 3", NOT_RIGID),
     ("images", POSE_OF_3, "1 1 0 0 1 2 3", NOT_RIGID),

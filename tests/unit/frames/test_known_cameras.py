@@ -108,7 +108,7 @@ def test_pictures_are_turned_if_only_this_is_the_size_of_their_camera(tmp_path, 
 @pytest.mark.parametrize("kind", ["colmap", "transforms"])
 def test_a_camera_of_another_size_is_named(folder, kind):
     write_known(folder, kind, NAMES, 128, 96)
-    with pytest.raises(UserError, match=r"(colmap|transforms.json): for 128x96 px, but .* 64x48 \(1.png\)"):
+    with pytest.raises(UserError, match=r"(colmap|transforms.json): for 128x96 px, .* 64x48 \(1.png\): give"):
         open_recording(folder, OPTIONS)
 
 
