@@ -3,6 +3,7 @@
 import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from glob import glob
 from pathlib import Path
 
 from egosplat.artifacts.consistency import check_made_from, made_from_another
@@ -91,7 +92,9 @@ def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
     """Verify ``*.zarr`` and ``DOCUMENTS`` at or below a folder: the problem of each, empty if it is sound
     (UserError: there is none). Bytes match the digest, a JSON file its schema, and an input in the same
     folder the digest of the provenance."""
-    paths = [folder] if _is_result(folder) else sorted(filter(_is_result, folder.rglob("*")))
+    # Unlike ``Path.rglob``, it follows links: a scene may lie on another disk.
+    every = folder, *sorted(map(folder.joinpath, glob("**", root_dir=folder, recursive=True)))
+    paths = [path for path in every if path.suffix == ".zarr" or path.name in DOCUMENTS]
     if not paths:
         raise UserError(f"{folder}: holds no artifact. Give a folder of results, such as results/adt/scene1")
     problems = {}
@@ -99,10 +102,6 @@ def check_tree(folder: Path, say: Callable[[str], object]) -> dict[Path, str]:
         problems[path] = problem = _problem(path)
         say(f"{'NOT OK ' if problem else 'ok     '} {problem or path}")
     return problems
-
-
-def _is_result(path: Path) -> bool:
-    return path.suffix == ".zarr" or path.name in DOCUMENTS
 
 
 def _problem(path: Path) -> str:

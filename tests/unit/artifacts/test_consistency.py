@@ -56,7 +56,8 @@ def test_a_json_file_that_egosplat_did_not_write_is_not_sound(surveyed, name, da
 
 
 def test_a_survey_of_other_frames_is_a_problem_and_no_result_an_error(surveyed, tmp_path_factory):
-    assert problems(surveyed) == {"frames.zarr": "", "survey.json": ""}
+    (link := tmp_path_factory.mktemp("results") / "adt").symlink_to(surveyed)
+    assert problems(surveyed) == problems(link.parent) == {"frames.zarr": "", "survey.json": ""}
     put(surveyed, "frames", {"rgb": np.ones((4, 4, 4, 3), np.uint8)}, size=4)
     assert "was made from another frames.zarr" in problems(surveyed)["survey.json"]
     with pytest.raises(UserError, match="no artifact"):

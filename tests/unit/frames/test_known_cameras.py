@@ -269,7 +269,6 @@ def test_masks_of_instant_ngp_are_no_pictures(folder, capsys):
 
 
 def test_what_undistorts_a_camera_that_is_not_supported_makes_a_project(folder):
-    """pycolmap's name of ``colmap image_undistorter``."""
     write_model(folder, NAMES, [f"FOV {WIDTH} {HEIGHT} 60 60 32 24 0.5"], [1] * 4)
     with pytest.raises(UserError, match="colmap: 1.png: camera FOV is not supported.*image_undistorter"):
         open_recording(folder, OPTIONS)
