@@ -40,7 +40,7 @@ def variants() -> list[str]:
     Raises:
         UserError: there is none.
     """
-    library.load()
+    library.variant()
     features = library.cpu_features()
     return [each.name for each in VARIANTS if each.features <= features and (HERE / each.file).is_file()]
 

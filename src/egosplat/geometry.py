@@ -4,7 +4,7 @@
 - A pose is ``camera_to_world``, a 4x4 float64 matrix: ``x_world = R x_camera + t``.
 - Images are (height, width); a point of the image is (u, v) = (right, down) in pixels.
 - The center of the pixel in column i and row j is (i + 0.5, j + 0.5), as in COLMAP and gsplat.
-  projectaria-tools puts it at (i, j): see ``to_aria_pixels``.
+  projectaria-tools puts it at (i, j): see ``ARIA_PIXEL_OFFSET``.
 - Rotations become quaternions only through ``scipy.spatial.transform.Rotation``.
 """
 
@@ -71,11 +71,6 @@ CLOCKWISE = np.array(
 def known_poses(camera_to_world: Array) -> NDArray[np.int64]:
     """Indices of the (F, 4, 4) poses that are finite; a frame without a pose has NaN."""
     return np.flatnonzero(np.isfinite(camera_to_world).all(axis=(1, 2)))
-
-
-def to_aria_pixels(pixels: Array) -> Array:
-    """This package's image coordinates -> projectaria-tools'."""
-    return np.asarray(pixels, dtype=np.float64) - ARIA_PIXEL_OFFSET
 
 
 def make_pose(rotation: Array, translation: Array) -> Array:

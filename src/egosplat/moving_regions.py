@@ -86,12 +86,12 @@ def _overlap(first: Bools, second: Bools, reach: NDArray[np.uint8]) -> float:
 
 
 class InstanceScores:
-    """Mean probability of each of N instances over its pixels in all added frames, as in the paper's set D."""
+    """Mean probability of each of N instances over its ``pixels`` in all added frames, (N,) int64, as in the paper's set D."""
 
     def __init__(self, count: int) -> None:
         """Start without frames; ``count`` is the number of instances N."""
         self._sums = np.zeros(count)
-        self._pixels = np.zeros(count, np.int64)
+        self.pixels = np.zeros(count, np.int64)
 
     def add(self, labels: NDArray[np.int32], probability: NDArray[np.floating]) -> None:
         """Add a frame: (L, H, W) instance at each level, -1 for none, and (H, W) probability in [0, 1]."""
@@ -100,16 +100,11 @@ class InstanceScores:
         for level in labels:
             seen = level >= 0
             found = level[seen]
-            self._pixels += np.bincount(found, minlength=len(self._pixels))
+            self.pixels += np.bincount(found, minlength=len(self.pixels))
             self._sums += np.bincount(found, weights=weight[seen], minlength=len(self._sums))
-
-    @property
-    def pixels(self) -> NDArray[np.int64]:
-        """(N,) number of pixels of each instance in the added frames."""
-        return self._pixels.copy()
 
     @property
     def scores(self) -> NDArray[np.float64]:
         """(N,) mean probability of each instance; 0 if it has no pixel."""
         # Pooled over pixels, so a large view of an instance has more weight than a small one.
-        return np.divide(self._sums, self._pixels, out=np.zeros_like(self._sums), where=self._pixels > 0)
+        return np.divide(self._sums, self.pixels, out=np.zeros_like(self._sums), where=self.pixels > 0)

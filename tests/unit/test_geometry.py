@@ -11,7 +11,6 @@ from egosplat.geometry import (
     interpolate_poses,
     invert,
     make_pose,
-    to_aria_pixels,
     transform,
 )
 
@@ -29,7 +28,6 @@ def test_projection_equals_arias_plus_half_a_pixel():
     inside = np.array([aria.project(point) is not None for point in points])
     np.testing.assert_allclose(camera.project(points[inside]), expected + ARIA_PIXEL_OFFSET, atol=1e-9)
     assert inside.sum() > 100
-    np.testing.assert_allclose(to_aria_pixels(camera.project(points[inside])), expected, atol=1e-9)
 
 
 def test_the_upright_camera_equals_arias_rotated_one():

@@ -26,6 +26,7 @@ from egosplat.evaluation.options import MetricsOptions
 from egosplat.evaluation.presence import ask_presence, presence_entry, presence_phrases
 from egosplat.evaluation.queries import GROUPS, phrases_to_ask
 from egosplat.evaluation.scores import ask_of, run_queries
+from egosplat.gaussians.evaluation import develop
 from egosplat.gaussians.io import read_exposure
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.pipeline.validation import write_document
@@ -98,13 +99,16 @@ def _scores_in_time(
     evaluation: Evaluation, scene: Scene, without_time: Sequence[Mapping[str, RegionScore]]
 ) -> Iterator[Mapping[str, RegionScore]]:
     """Scores of each frame's render at its own time (docs/method.md#own-time); where nothing rests then, those without time."""
-    exposure = (None, None) if evaluation.renders.endswith("given") else read_exposure(evaluation.splats)
+    given = evaluation.renders.endswith("given")
+    log_gains, compression = (None, None) if given else read_exposure(evaluation.splats)
     for frame, score in zip(evaluation.frames, without_time, strict=True):
-        picture = None
-        if scene.rests is not None and frame.held_out is not None:
-            moment = frame.index, evaluation.camera_to_world[frame.index], float(scene.seconds[frame.index])
-            picture = scene.trained.held_out_at(scene.rests, exposure, *moment)
-        yield score if picture is None else evaluation.rendering_of(frame, picture)
+        second = None if frame.held_out is None else float(scene.seconds[frame.index])
+        if (now := scene.trained.at(scene.rests, second)) is not scene.trained:
+            log_gain = None if log_gains is None else log_gains[frame.index]
+            pose = evaluation.camera_to_world[frame.index]
+            picture = develop(now, now.camera, pose, log_gain, compression)
+            score = evaluation.rendering_of(frame, picture.cpu().numpy())
+        yield score
 
 
 def _counts(

@@ -47,17 +47,20 @@ def run(
     rows += [] if things else [(told,)]
     notice = notice_of_artifacts(scene.made_from.found.values())
     table = "\n".join(filter(None, [f"{folder}, origin {scene.origin}", notice, align_rows(rows)]))
-    yield json.dumps([describe(scene, one) for one in things], indent=1) if as_json else table
+    described = [describe(scene, one) for one in things]
+    yield json.dumps(described, indent=1) if as_json else table
     if (carried := carried_table(things, scene.unit, None)) and not as_json:
         yield f"\n{carried}"
-    if output is not None:
+    if output is None:
+        return
+    if output.suffix.lower() == ".json":
+        write_json(output, described)
+    else:
         _write(scene, things, output)
-        log(f"{output}: {len(things)} things")
+    log(f"{output}: {len(things)} things")
 
 
 def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
-    if output.suffix.lower() == ".json":
-        return write_json(output, [describe(scene, one) for one in things])
     records = [_record(scene, thing) for thing in things]
     columns = None if records else ["name", "also", "answer", "origin", "unit"]
     if output.suffix:

@@ -22,10 +22,11 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     training diverges)."""
     view_features = open_artifact(view_features_path, VIEW_FEATURES)
     record = provenance.begin_from("features", options.as_dict(), [view_features])
-    supervision, instance = view_features.read("feature"), view_features.read("instance")
+    feature, instance = view_features.read("feature"), view_features.read("instance")
     level = view_features.read("instances/level")
-    found = aggregate(supervision, instance, len(level), options.mad_norm, MAD_K)
-    consistent, agreement, mismatched = supervise_views(supervision, instance, found, options)
+    found = aggregate(feature, instance, len(level), options.mad_norm, MAD_K)
+    # In the memory of the features: those of an hour take gigabytes.
+    supervision, consistent, agreement, mismatched = supervise_views(feature, instance, found, options)
     compressed = fit(supervision, options.compression, options.dims, options.epochs, options.seed)
     codes, consistent_codes = (compressed.encode(part) for part in (supervision, consistent))
     seen = found.views > 0

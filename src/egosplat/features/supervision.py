@@ -20,8 +20,8 @@ _ROWS_AT_ONCE = 2**14
 
 def supervise_views(
     feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
-) -> tuple[Features, NDArray[np.float64], Bools]:
-    """Replace (R, D) features of views by their supervision. Returns (N, D) consistent features, (R,) cosines to them, mismatched flags."""
+) -> tuple[Features, Features, NDArray[np.float64], Bools]:
+    """The supervision of (R, D) features of views, in their place, (N, D) consistent features, (R,) cosines to them, mismatched flags."""
     # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
     consistent = consistent_directions(found.feature, feature, instance)
     # A view whose cosine is below the midpoint of 1 and that between instances shows another object. Measured with the
@@ -35,7 +35,7 @@ def supervise_views(
         values = supervise(own, common, found.inlier[part], agreement[part] < limit, options.supervision)
         # Opposite features cancel; the average then has no direction of its own.
         feature[part] = unit(np.where(vanishing(values)[:, None], common, values))
-    return consistent.astype(np.float32), agreement, agreement < limit
+    return feature, consistent.astype(np.float32), agreement, agreement < limit
 
 
 def supervise(own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str) -> Floats:

@@ -73,15 +73,13 @@ class DensityControl:
         return {name: tensor.clone() for name, tensor in self._statistics.items()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore the statistics from ``state_dict``; its tensors may be on any device."""
+        """Restore the statistics from ``state_dict``; its tensors are on the device of the Gaussians."""
         self._statistics = {name: tensor.clone() for name, tensor in state.items()}
 
     def _statistics_of(self, n: int, device: torch.device) -> dict[str, Tensor]:
         """Return (n,) float32 each: sum of gradients, number of views, largest radius [px], since the last growth."""
-        if not self._statistics:
-            return {name: torch.zeros(n, device=device) for name in ("grad", "views", "radius")}
-        # A checkpoint may have been loaded to another device.
-        return {name: tensor.to(device) for name, tensor in self._statistics.items()}
+        names = ("grad", "views", "radius")
+        return self._statistics or {name: torch.zeros(n, device=device) for name in names}
 
     def _densify(
         self, iteration: int, gaussians: Gaussians, optimizer: Adam, generator: torch.Generator

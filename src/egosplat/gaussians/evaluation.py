@@ -10,6 +10,7 @@ from torch import Tensor
 from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.training_views import Views
+from egosplat.geometry import Array, Camera
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
 # PSNR [dB] and SSIM of V images, (V,) float64 each; NaN for an image without a valid pixel, or SSIM window.
@@ -37,8 +38,8 @@ def evaluate(
     W, 3) uint8 image of each."""
     scores = np.empty((len(views), 2))
     for index in range(len(views)):
-        # Scores are those of the 8-bit image that is stored.
-        picture = (rendered(scene, views, index) * 255.0).round().to(torch.uint8)
+        log_gain = None if views.log_gain is None else views.log_gain[index]
+        picture = develop(scene, views.camera, views.camera_to_world[index], log_gain, views.compression)
         truth, weight = views.pictures[index].to(views.device), views.weight(index)
         # A predicted M is a probability; scores take a pixel wholly or not at all.
         valid = torch.ones_like(truth[..., 0], dtype=torch.bool) if weight is None else weight >= 0.5
@@ -47,9 +48,12 @@ def evaluate(
     return scores[:, 0], scores[:, 1]
 
 
-def rendered(scene: TrainedScene, views: Views, index: int) -> Tensor:
-    """Render a view as an (H, W, 3) float32 image clamped to [0, 1], with the view's gain if it has one."""
-    colors = scene.rendered(views.camera, views.camera_to_world[index])
-    if views.log_gain is not None:
-        colors = expose(colors, views.log_gain[index], views.compression)
-    return colors.clamp(0.0, 1.0)
+@torch.no_grad()
+def develop(
+    scene: TrainedScene, camera: Camera, pose: Array, log_gain: Tensor | None, compression: Tensor | None
+) -> Tensor:
+    """Render the (H, W, 3) uint8 image of a pose that is stored and scored, with (3,) gains as of ``expose`` if there are any."""
+    colors = scene.rendered(camera, pose)
+    if log_gain is not None:
+        colors = expose(colors, log_gain, compression)
+    return (colors.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8)

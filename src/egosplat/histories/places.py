@@ -1,6 +1,6 @@
 """What the frames show of the ends of carries: small crops around each."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import groupby
@@ -146,45 +146,45 @@ def _scene_near(view: PlaceView) -> Gaussians:
 
 def find_views(
     ends: Sequence[End], frames: NDArray[np.int64], seconds: Array, recording: Recording
-) -> list[list[int]]:
-    """Those of ``frames`` that show the place of each end; of many the nearest by ``seconds`` (F,), and others evenly spaced."""
+) -> list[dict[int, list[int]]]:
+    """Those of ``frames`` that show the place of each end, with its crop, left, top, right and bottom; of many the nearest by
+    ``seconds`` (F,), and others evenly spaced."""
     centers = np.array([end.center for end in ends]).reshape(-1, 3)
-    radii, found = np.array([end.radius for end in ends]), list[list[int]]([] for _ in ends)
+    radii, found = np.array([end.radius for end in ends]), list[dict[int, list[int]]]({} for _ in ends)
     for frame in track(frames.tolist(), "looking for places", unit="frame"):
         points = transform(invert(recording.camera_to_world[frame]), centers)
-        inside = np.flatnonzero(_crops(points, radii, recording)[0])
+        shown, crops = _crops(points, radii, recording)
+        inside = np.flatnonzero(shown)
         if len(inside):
             seen = _are_open(points[inside], radii[inside], recording.camera, recording.depth(frame))
             for number in inside[seen].tolist():
-                found[number].append(frame)
-    for own, end in zip(found, ends, strict=True):
-        nearest = np.argsort(np.abs(seconds[own] - end.second), kind="stable")[:_MOST].tolist()
-        own[:] = [own[number] for number in sorted({*nearest, *evenly_spaced(len(own), _MOST)})]
+                found[number][frame] = crops[number].tolist()
+    for number, (own, end) in enumerate(zip(found, ends, strict=True)):
+        nearest = np.argsort(np.abs(seconds[[*own]] - end.second), kind="stable")[:_MOST].tolist()
+        kept, every = sorted({*nearest, *evenly_spaced(len(own), _MOST)}), [*own.items()]
+        found[number] = dict(every[place] for place in kept)
     return found
 
 
 def see_places(
-    ends: Sequence[End], frames: Sequence[Sequence[int]], recording: Recording
+    ends: Sequence[End], crops: Sequence[Mapping[int, Sequence[int]]], recording: Recording
 ) -> Iterator[list[PlaceView]]:
-    """Yield the views of the place of each end in its ``frames``, see ``find_views``. Those of a few ends are held at once."""
+    """Yield the views of the place of each end in the frames of its ``crops``, see ``find_views``. Those of a few ends are held at once."""
     means = recording.gaussians.means.double().cpu().numpy()
     reach = _REACH * recording.gaussians.scales.amax(dim=1).double().cpu().numpy()
-    batch = np.cumsum([len(own) for own in frames]) // _VIEWS_AT_ONCE
+    batch = np.cumsum([len(own) for own in crops]) // _VIEWS_AT_ONCE
     for part in np.split(np.arange(len(ends)), np.flatnonzero(np.diff(batch)) + 1):
         views: dict[int, list[PlaceView]] = {number: [] for number in part.tolist()}
-        pairs = sorted((frame, number) for number in views for frame in frames[number])
+        pairs = sorted((frame, number) for number in views for frame in crops[number])
         for frame, numbers in groupby(track(pairs, "looking at places", unit="view"), lambda pair: pair[0]):
             pose, full = recording.camera_to_world[frame], recording.camera
             picture, labels = recording.frames.row("rgb", frame), recording.instances.row("labels", frame)
             shows = recording.valid & ~recording.moving(frame, labels)
-            to_camera = invert(pose)
-            local = transform(to_camera, means)
+            local = transform(invert(pose), means)
             for _, number in numbers:
-                end = ends[number]
-                point, radius = transform(to_camera, end.center[None]), np.array([end.radius])
-                left, top, right, bottom = _crops(point, radius, recording)[1][0].tolist()
+                left, top, right, bottom = crops[number][frame]
                 cut = np.s_[top:bottom, left:right]
-                own = (labels[:, top:bottom, left:right] == end.track).any(axis=0) & recording.valid[cut]
+                own = (labels[:, *cut] == ends[number].track).any(axis=0) & recording.valid[cut]
                 camera = Camera(right - left, bottom - top, full.fx, full.fy, full.cx - left, full.cy - top)
                 near, colors = _near(local, reach, camera), picture[cut].copy()
                 cropped = (left, top), camera, pose, near, colors, shows[cut] | own

@@ -71,23 +71,29 @@ def masks_of(thing: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     return [mine for mine in parts if len(mine) and thing[mine[0]] >= 0]
 
 
-def lift_masks(
-    geometry: Geometry, look: Callable[[int], tuple[Labels, NDArray[np.bool_]]]
+def lift(
+    geometry: Geometry,
+    segments: Artifact,
+    shown: Callable[[int], NDArray[np.bool_]],
+    select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]],
 ) -> LiftedMasks | None:
-    """Lift the masks of the training views that have any; None if none has. ``look`` gives the (L, H, W)
-    int32 labels of a frame at the size of the views, -1 for none, and which pixels count."""
+    """Lift the masks of segments.zarr in all training views; None if no view has a mask. ``shown`` gives the
+    (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for
+    none, and (h, w) bool, which pixels are not counted as seen."""
     gaussians, views = geometry.gaussians, geometry.views
+    size = views.camera.width, views.camera.height
     instance, frame, row, votes, seen = [], [], [], [], []
     for place, number in enumerate(track(views.frame.tolist(), "lifting masks")):
-        labels, counted = look(number)
+        labels, unseen = select(resize_labels(segments.row("labels", number), *size))
         if not (labels >= 0).any():
             continue
+        counted = resize_labels(shown(number), *size) & ~unseen
         view = views.camera, views.camera_to_world[place], geometry.settings
         centers = look_at_centers(gaussians, *view)
         x, y = centers.pixel.T
-        shown = counted[y, x] & (centers.weight > _HIDDEN)
+        visible = counted[y, x] & (centers.weight > _HIDDEN)
         # SciPy keeps wider indices, of which an hour has a billion.
-        gaussian, found = centers.gaussian[shown].astype(np.int32), labels[:, y[shown], x[shown]]
+        gaussian, found = centers.gaussian[visible].astype(np.int32), labels[:, y[visible], x[visible]]
         pixels = torch.from_numpy(counted).to(gaussians.means)[..., None]
         sums = sum_over_pixels(view_of(gaussians, *view), pixels)[:, 0]
         weight = sums.cpu().numpy()[gaussian]
@@ -108,21 +114,3 @@ def lift_masks(
         sparse.csc_array(sparse.hstack(votes, format="csc")),
         sparse.csr_array(sparse.vstack(seen, format="csr")),
     )
-
-
-def lift(
-    geometry: Geometry,
-    segments: Artifact,
-    shown: Callable[[int], NDArray[np.bool_]],
-    select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]],
-) -> LiftedMasks | None:
-    """Lift the masks of segments.zarr in all training views; None if no view has a mask. ``shown`` gives the
-    (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for
-    none, and (h, w) bool, which pixels are not counted as seen."""
-    size = geometry.views.camera.width, geometry.views.camera.height
-
-    def look(frame: int) -> tuple[Labels, NDArray[np.bool_]]:
-        labels, unseen = select(resize_labels(segments.row("labels", frame), *size))
-        return labels, resize_labels(shown(frame), *size) & ~unseen
-
-    return lift_masks(geometry, look)

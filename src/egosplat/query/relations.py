@@ -1,7 +1,7 @@
 """How things stand to each other, by boxes in 3D and gravity; lengths are relative to the things' own (docs/answers.md#relations)."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations, product
 
@@ -103,6 +103,7 @@ class Space:
     surface: Surface
     up: Array
     poses: Array
+    _bodies: dict[Thing, Body] = field(default_factory=dict, init=False)
 
     @cached_property
     def axes(self) -> Array:
@@ -111,9 +112,11 @@ class Space:
 
     def body(self, thing: Thing) -> Body:
         """The body of a thing, by the Gaussians that it is made of."""
-        points = self.surface.means[thing.members] @ self.axes.T
-        weight = self.surface.weight[thing.members].max(axis=1).astype(np.float64)
-        return Body(extent_of(points, weight), points)
+        if thing not in self._bodies:
+            points = self.surface.means[thing.members] @ self.axes.T
+            weight = self.surface.weight[thing.members].max(axis=1).astype(np.float64)
+            self._bodies[thing] = Body(extent_of(points, weight), points)
+        return self._bodies[thing]
 
     def best_frame(self, things: Sequence[Thing]) -> int | None:
         """The frame that shows all of some things best; None if none shows all."""

@@ -13,7 +13,6 @@ from torch import Tensor
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.files import read_json
-from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.io import read_trained_scene
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import TrainedScene
@@ -53,20 +52,6 @@ class QueryScene(TrainedScene):
             return self
         every = Gaussians.concatenate([self.gaussians, rests.gaussians.select(added)])
         return TrainedScene(every, self.settings, self.camera, self.sh_degree)
-
-    @torch.no_grad()
-    def held_out_at(
-        self, rests: Rests, exposure: tuple[Tensor | None, ...], frame: int, pose: Array, second: float
-    ) -> NDArray[np.uint8] | None:
-        """(H, W, 3) render of a held-out frame at its time as the stage ``splats`` makes it, with the gains of an exposure of
-        ``read_exposure`` if it has any; None where nothing rests then."""
-        if (now := self.at(rests, second)) is self:
-            return None
-        log_gain, compression = exposure
-        colors = now.rendered(now.camera, pose)
-        if log_gain is not None:
-            colors = expose(colors, log_gain[frame], compression)
-        return (colors.clamp(0.0, 1.0) * 255.0).round().to(torch.uint8).cpu().numpy()
 
     def relevancy(self, texts: Texts, options: QueryOptions) -> Tensor:
         """(Q, L, N) float32 in [0, 1]: relevancy of each Gaussian's own code to all queries; 0 without a code."""

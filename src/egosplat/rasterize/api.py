@@ -94,15 +94,14 @@ def _choose(means: Tensor) -> str:
         _warn_slow(f"none for {means.device.type}")
         return "reference"
     # Compiled but unusable kernels are an error for the user to fix. Fall back only if none are compiled.
-    why_not = None if library.is_compiled() else library.why_not()
-    if why_not is None:
+    if library.is_compiled():
         return "cpu"
-    _warn_slow(why_not)
+    _warn_slow(library.why_not())
     return "reference"
 
 
 @cache
-def _warn_slow(why_not: str) -> None:
+def _warn_slow(why_not: str | None) -> None:
     log(f"warning: rendering in plain PyTorch, which is slow. Compiled kernels: {why_not}")
 
 

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import CLOCKWISE, Camera, rotate, to_aria_pixels
+from egosplat.geometry import ARIA_PIXEL_OFFSET, CLOCKWISE, Camera, rotate
 from egosplat_apartments.adt_format.aria import camera_calibration
 from egosplat_apartments.arrays import Floats, Rng
 
@@ -39,7 +39,7 @@ def make_lens(size: int) -> Lens:
     """Aria's lens for images of ``size`` x ``size`` pixels."""
     # Cached: projectaria-tools takes microseconds per pixel.
     calibration = camera_calibration(size)
-    centers = to_aria_pixels(_centers(size, size))
+    centers = _centers(size, size) - ARIA_PIXEL_OFFSET
     rays = np.array([calibration.unproject_no_checks(pixel) for pixel in centers.reshape(-1, 2)])
     return _lens(rays.reshape(*centers.shape[:2], 3), _radius(size, centers))
 

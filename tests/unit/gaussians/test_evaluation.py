@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from egosplat.evaluation.evaluation_frames import region_scores
-from egosplat.gaussians.evaluation import evaluate, mean_known, rendered
+from egosplat.gaussians.evaluation import develop, evaluate, mean_known
 from egosplat.gaussians.render import RenderSettings, TrainedScene
 from egosplat.gaussians.training_views import Views
 from tests.support.gaussian_scene import CAMERA, SETTINGS, views_of
@@ -48,10 +48,11 @@ def test_the_true_gaussians_render_the_pictures(truth, views):
     assert all(math.isnan(mean_known(values)) for values in nothing)
 
 
-@pytest.mark.parametrize("background, value", [("black", 0.0), ("white", 1.0)])
+@pytest.mark.parametrize("background, value", [("black", 0), ("white", 255)])
 def test_evaluation_renders_on_the_background_of_training(truth, views, background, value):
     behind = truth.select(torch.arange(1))
     behind.means[:, 2] = -5.0
     options = RenderSettings(near_plane=0.1, background=background, backend="auto")
-    image = rendered(TrainedScene(behind, options, CAMERA, 0), views, 0)
+    scene = TrainedScene(behind, options, CAMERA, 0)
+    image = develop(scene, CAMERA, views.camera_to_world[0], None, None)
     assert image.shape == (24, 24, 3) and bool((image == value).all())

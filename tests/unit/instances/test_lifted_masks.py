@@ -10,7 +10,7 @@ from scipy import sparse
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import view_of
 from egosplat.geometry import Camera
-from egosplat.instances.lifted_masks import LiftedMasks, lift_masks
+from egosplat.instances.lifted_masks import LiftedMasks, lift
 from egosplat.instances.rendering import LEAST_BELIEF, render_things
 from egosplat.instances.scene import first_of_largest
 from egosplat.rasterize.view import composite
@@ -34,7 +34,8 @@ def lifted(counted: np.ndarray | None = None) -> LiftedMasks:
     labels = np.full((2, 24, 32), WHOLE, np.int32)
     labels[0, :, :16], labels[0, :, 16:] = LEFT, RIGHT
     counts = np.ones((24, 32), bool) if counted is None else counted
-    return lift_masks(geometry_of(WALL, 7), lambda _: (labels, counts))
+    segments = SimpleNamespace(row=lambda *_: labels)
+    return lift(geometry_of(WALL, 7), segments, lambda _: counts, lambda given: (given, ~counts))
 
 
 def weights() -> np.ndarray:
@@ -54,7 +55,8 @@ def test_what_a_surface_hides_at_its_center_is_not_seen():
     """Its edge may be visible; what is there says nothing about the pixel of its center."""
     hidden = blobs([[0, 0, 4], [0, 0, 2], [0, 0, 2.1]], [0.9, 0.9999, 0.9999], size=0.3)
     labels, shown = np.full((1, 24, 32), LEFT, np.int32), np.ones((24, 32), bool)
-    found = lift_masks(geometry_of(hidden, 0), lambda _: (labels, shown))
+    segments = SimpleNamespace(row=lambda *_: labels)
+    found = lift(geometry_of(hidden, 0), segments, lambda _: shown, lambda given: (given, ~shown))
     image, _ = composite(view_of(hidden, CAMERA, np.eye(4), SETTINGS), torch.eye(3))
     assert float(image[..., 0].sum()) > 0.05
     assert found.seen[0, 0] == 0 and found.seen[0, 1] > 1

@@ -12,7 +12,7 @@ from egosplat.artifacts.reader import open_artifact, verify
 from egosplat.artifacts.schemas import SCHEMAS, SPLATS
 from egosplat.errors import UserError
 from egosplat.instances import stage
-from egosplat.instances.lifted_masks import lift_masks
+from egosplat.instances.lifted_masks import lift
 from egosplat.pipeline.stages import run_stage
 from tests.support.scenes import put
 from tests.unit.instances.conftest import COLORS, DISTANCE, FRAMES, RIGHT, SIZE, marked, options
@@ -81,13 +81,12 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     """A thing that hides another place of the wall in each frame but the last is one track."""
     looked = {}
 
-    def watched(geometry, look):
-        looked.clear()  # the tracks are lifted before, by themselves
-        lifted = lift_masks(geometry, look)
-        looked.update({frame: look(frame) for frame in lifted.row.tolist()})
+    def watched(geometry, segments, shown, select):
+        lifted = lift(geometry, segments, shown, select)
+        looked.update({frame: select(segments.row("labels", frame)) for frame in lifted.row.tolist()})
         return lifted
 
-    monkeypatch.setattr("egosplat.instances.lifted_masks.lift_masks", watched)
+    monkeypatch.setattr("egosplat.instances.scene.lift", watched)
     labels, hidden = marked(truth), np.zeros((FRAMES, SIZE, SIZE), bool)
     for frame in range(FRAMES - 1):
         hidden[frame, 4 * frame : 4 * frame + 8, 10:30] = True
@@ -100,8 +99,8 @@ def test_what_moves_is_drawn_over_the_instances_and_takes_no_part_in_merging(sce
     changes = {"rgb": rgb, "labels": labels, "instances/level": level, "instances/moving": moving}
     found = run(scene(**changes))
     assert list(looked) == [0, 2, 4, 6, 8], "frames that show nothing but what moves have no vote"
-    for frame, (voting, counted) in looked.items():
-        assert np.array_equal(counted, ~hidden[frame]) and (voting[:, ~counted] == -1).all()
+    for frame, (voting, unseen) in looked.items():
+        assert np.array_equal(unseen, hidden[frame]) and (voting[:, unseen] == -1).all()
     assert found.read("instances/level").tolist() == [1, 1, 0]
     assert found.read("instances/moving").tolist() == [False, False, True]
     assert found.read("instances/masks").tolist() == [5, 5, FRAMES - 1]

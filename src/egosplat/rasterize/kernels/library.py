@@ -26,15 +26,6 @@ ABI = 1
 VARIABLE = "EGOSPLAT_KERNEL"
 
 
-def load() -> ctypes.CDLL:
-    """Load the best compiled variant that this processor supports, or the one that EGOSPLAT_KERNEL names.
-
-    The library is loaded once per process. The caller of a function declares its argument types. UserError: no library is
-    usable; ``why_not`` returns the same message.
-    """
-    return _loaded()[1]
-
-
 # Codes of the argument types of a kernel's function, as ``function`` takes them.
 _TYPES = {
     "i": ctypes.c_int,
@@ -48,8 +39,8 @@ _TYPES = {
 @functools.cache
 def function(name: str, arguments: str, result: str = "") -> Any:
     """Get a function of the library by its name, codes of its arguments' types and of its result's
-    (UserError: no library is usable, see ``load``)."""
-    found = getattr(load(), f"egosplat_{name}")
+    (UserError: no library is usable; ``why_not`` returns the same message)."""
+    found = getattr(_loaded()[1], f"egosplat_{name}")
     found.argtypes = [_TYPES[code] for code in arguments]
     found.restype = _TYPES[result] if result else None
     return found
@@ -66,14 +57,14 @@ def address(tensor: Tensor | None) -> int | None:
 
 
 def variant() -> str:
-    """Name of the loaded variant: avx512, avx2 or generic. Raises like ``load``."""
+    """Name of the loaded variant: avx512, avx2 or generic. Raises as ``function``."""
     return _loaded()[0]
 
 
 def why_not() -> str | None:
     """The reason why the kernels cannot be used, with a remedy; None if they can."""
     try:
-        load()
+        _loaded()
     except UserError as error:
         return str(error)
     return None
@@ -137,6 +128,7 @@ def open_library(folder: Path, variant: Variant) -> ctypes.CDLL:
 
 @functools.cache
 def _loaded() -> tuple[str, ctypes.CDLL]:
+    """Load the best compiled variant that this processor supports, or the one that EGOSPLAT_KERNEL names, once per process."""
     chosen = choose(HERE, cpu_features(), os.environ.get(VARIABLE) or None)
     return chosen.name, open_library(HERE, chosen)
 

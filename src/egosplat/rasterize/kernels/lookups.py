@@ -1,4 +1,5 @@
-"""What projected Gaussians show without a rendered image: sums over pixels, sparse values, single pixels. float32 on the CPU."""
+"""What projected Gaussians show without a rendered image: the functions of ``rasterize.view`` with the compiled kernels, in float32
+on the CPU."""
 
 from typing import NamedTuple
 
@@ -34,11 +35,8 @@ class Projected(NamedTuple):
 
 
 def sum_pixels(projected: Projected, image: Tensor) -> Tensor:
-    """Sum an (X, H, W) image over the compositing weights of N Gaussians, without rendering one.
-
-    Returns:
-        (N, X): to the bit the gradient of ``composite`` by its channels, where ``image`` is that of its render.
-    """
+    """``view.sum_over_pixels`` of an (X, H, W) image: to the bit the gradient of ``composite`` by its channels, where ``image``
+    is that of its render."""
     channels, height, width = image.shape
     sums = torch.zeros(len(projected.means2d), channels)
     arrays = [*projected.arrays(), plain(image), sums]
@@ -48,14 +46,8 @@ def sum_pixels(projected: Projected, image: Tensor) -> Tensor:
 
 
 def composite_sparse(projected: Projected, values: tuple[Tensor, Tensor, Tensor], channels: int) -> Tensor:
-    """Composite values of which a Gaussian has few that are not 0, on background 0. Not differentiable.
-
-    ``values`` are begin (N + 1,) int64, channel (M,) int64 and value (M,) float32, the rows of a sparse (N, X) matrix:
-    Gaussian i has the values ``begin[i]`` to ``begin[i + 1]``. The caller checks them.
-
-    Returns:
-        (X, height, width), what ``kernels.raster.composite`` renders of the dense values.
-    """
+    """``view.composite_sparse`` of begin (N + 1,) int64, channel (M,) int64 and value (M,) float32, the rows of a sparse (N, X)
+    matrix: Gaussian i has the values ``begin[i]`` to ``begin[i + 1]``. The caller checks them."""
     begin, channel, value = values
     render = torch.zeros(channels, projected.height, projected.width)
     arrays = [*projected.arrays(), *map(plain, (begin.long(), channel.long(), value)), render]
@@ -64,12 +56,7 @@ def composite_sparse(projected: Projected, values: tuple[Tensor, Tensor, Tensor]
 
 
 def list_weights(projected: Projected, pixels: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """List what (P, 2) pixels, column and row inside the image, show, without rendering an image. The caller checks them.
-
-    Returns:
-        begin (P + 1,) int64: where each pixel's list begins, and the end; Gaussians (M,) int64, nearest first; and
-        their weights (M,) float32, alpha times transmittance, as ``kernels.raster.composite`` uses them.
-    """
+    """``view.pixel_lists`` of pixels inside the image, without rendering one. The caller checks them."""
     arrays, wanted = projected.arrays(), pixels.to(torch.int32).contiguous()
     begin = torch.zeros(len(wanted) + 1, dtype=torch.int64)
     kernel = function("pixel_weights", 4 * "i" + 6 * "p" + "ipl" + 3 * "p")
@@ -84,13 +71,7 @@ def list_weights(projected: Projected, pixels: Tensor) -> tuple[Tensor, Tensor, 
 
 
 def own_weights(projected: Projected, pixels: Tensor) -> Tensor:
-    """Find the weight of each Gaussian at one pixel of its own, in a tenth of the time of ``list_weights``.
-
-    ``pixels`` are (N, 2) integers, column and row; outside the image, such as -1, for none.
-
-    Returns:
-        (N,) float32, alpha times transmittance; 0 where the pixel ends before the Gaussian, or there is none.
-    """
+    """``view.own_weights``, in a tenth of the time of ``list_weights``."""
     # Numbers beyond int32 must not wrap around into the image.
     wanted = pixels.clamp(-1, max(projected.width, projected.height)).to(torch.int32).contiguous()
     weights = torch.zeros(len(projected.means2d))
