@@ -14,7 +14,7 @@ follow the pipeline, and the first that holds is the one:
 """
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,16 +22,16 @@ from typing import Any
 import click
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from benchmarks.common import command, markdown, scene_folders, survey_of
 from benchmarks.transient.truth import read_truth
+from egosplat.arrays import Array, Bools, Ints
 from egosplat.artifacts.consistency import kept_frames
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS
 from egosplat.errors import UserError
-from egosplat.evaluation.queries import Mask, read_layers
+from egosplat.evaluation.queries import read_layers
 from egosplat.gaussians.render import view_of
 from egosplat.gaussians.training_views import open_masking
 from egosplat.language.dominant import dominant, sum_votes
@@ -81,8 +81,8 @@ class Overlap:
         names: of the things, in the order of annotations.zarr.
     """
 
-    covered: NDArray[np.float64]
-    masked: NDArray[np.float64]
+    covered: Array
+    masked: Array
     names: list[str]
 
 
@@ -110,7 +110,7 @@ def measure_overlap(scene: Scene, views: CodeViews) -> Overlap:
     return Overlap(covered, np.where(seen > 0, unseen / np.maximum(seen, 1), 1.0), truth.names)
 
 
-def lifted_instances(scene: Scene, views: CodeViews) -> NDArray[np.int64]:
+def lifted_instances(scene: Scene, views: CodeViews) -> Ints:
     """(N, L) instance whose code each Gaussian took at each level, -1 for none."""
     targets = CodeTargets(scene.artifact("instances"), scene.encoded, views.device)
     (gaussian, instance, _, weight), _ = sum_votes(views, targets)
@@ -154,7 +154,7 @@ def find_causes(folder: Path) -> Iterator[tuple[Mapping[str, Any], Evidence]]:
 
 
 def _measure(
-    scene: Scene, query: Mapping[str, Any], things: Sequence[int], target: Mask, overlap: Overlap, lifted: Any
+    scene: Scene, query: Mapping[str, Any], things: list[int], target: Bools, overlap: Overlap, lifted: Any
 ) -> Evidence:
     """Evidence of the thing that is covered best, of several that a query may hit."""
     best = things[int(overlap.covered[:, things].max(axis=0).argmax())]

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-Array = NDArray[np.float64]
+from egosplat.arrays import Array, Bools, Ints, Reals
 
 # Added to projectaria-tools' image coordinates (pixel center at the integer) to get this package's.
 ARIA_PIXEL_OFFSET = 0.5
@@ -57,7 +57,7 @@ class Camera:
         depth = np.where(z > 0, z, np.nan)
         return np.stack([self.fx * x / depth + self.cx, self.fy * y / depth + self.cy], axis=-1)
 
-    def contains(self, pixels: Array) -> NDArray[np.bool_]:
+    def contains(self, pixels: Array) -> Bools:
         """(...) bool: which of (..., 2) image points lie inside the image; NaN does not."""
         return lie_within(np.asarray(pixels), np.array([[0.0, 0.0], [self.width, self.height]]))
 
@@ -68,7 +68,7 @@ CLOCKWISE = np.array(
 )
 
 
-def known_poses(camera_to_world: Array) -> NDArray[np.int64]:
+def known_poses(camera_to_world: Array) -> Ints:
     """Indices of the (F, 4, 4) poses that are finite; a frame without a pose has NaN."""
     return np.flatnonzero(np.isfinite(camera_to_world).all(axis=(1, 2)))
 
@@ -101,13 +101,13 @@ def rotate(rotation: NDArray, vectors: NDArray) -> NDArray:
     return x + y + z
 
 
-def compose(first: NDArray[np.floating], second: NDArray[np.floating]) -> Array:
+def compose(first: Reals, second: Reals) -> Array:
     """Product ``first @ second`` of (..., 4, 4) poses or (..., 3, 3) rotations."""
     # einsum has the same order of summation on every processor, as ``rotate``.
     return np.einsum("...ij,...jk->...ik", first, second)
 
 
-def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
+def is_rigid(pose: Array, tolerance: float = 1e-6) -> Bools:
     """(...) bool: which of (..., 4, 4) matrices are finite, orthonormal, right-handed, with last row 0 0 0 1."""
     pose = np.asarray(pose, dtype=np.float64)
     finite = np.asarray(np.isfinite(pose).all(axis=(-1, -2)))
@@ -119,7 +119,7 @@ def is_rigid(pose: Array, tolerance: float = 1e-6) -> NDArray[np.bool_]:
     return finite & orthonormal & last_row & (np.linalg.det(rotation) > 0)
 
 
-def interpolate_poses(times: NDArray[np.int64], poses: Array, at: NDArray[np.int64]) -> Array:
+def interpolate_poses(times: Ints, poses: Array, at: Ints) -> Array:
     """Interpolate (N, 4, 4) poses: translations linearly, rotations along the shortest arc; (M, 4, 4) at ``at``.
 
     ``times`` (N,) and ``at`` (M,) are int64 nanoseconds. ValueError: fewer than two times, not strictly increasing, or ``at``
@@ -156,6 +156,6 @@ def ground_axes(up: Array) -> Array:
     return np.stack([right, np.cross(up, right)])
 
 
-def lie_within(places: Array, limits: Array) -> NDArray[np.bool_]:
+def lie_within(places: Array, limits: Array) -> Bools:
     """(...) bool: which of (..., A) places lie within (2, A) limits, on the lower ones, too, but not on the upper ones."""
     return ((places >= limits[0]) & (places < limits[1])).all(axis=-1)

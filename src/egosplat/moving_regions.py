@@ -2,10 +2,8 @@
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Bools = NDArray[np.bool_]
-Labels = NDArray[np.int32]
+from egosplat.arrays import Array, Bools, Bytes, Ints32, Reals
 
 # A row, of a frame or of a pair of frames, and a region of its first image.
 Region = tuple[int, int]
@@ -18,7 +16,7 @@ _MIN_TRACK = 3
 _MIN_OVERLAP, _REACH = 0.3, 0.04
 
 
-def large_regions(mask: Bools) -> Labels:
+def large_regions(mask: Bools) -> Ints32:
     """(h, w) int32: the parts of a mask that are wide and large enough to be an object, numbered from 1; 0 elsewhere."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (_MIN_WIDTH, _MIN_WIDTH))
     # Pixels without a vote leave holes in a region.
@@ -30,7 +28,7 @@ def large_regions(mask: Bools) -> Labels:
     return np.where(large[np.asarray(labels, np.int32)], labels, 0)
 
 
-def landing(labels: Labels, flow: NDArray[np.floating], homography: NDArray[np.float64]) -> Labels:
+def landing(labels: Ints32, flow: Reals, homography: Array) -> Ints32:
     """(h, w) int32: the regions of the first image at their places in the second image.
 
     Args:
@@ -50,7 +48,7 @@ def landing(labels: Labels, flow: NDArray[np.floating], homography: NDArray[np.f
     return found
 
 
-def meetings(arrived: Labels, following: Labels) -> list[tuple[int, int]]:
+def meetings(arrived: Ints32, following: Ints32) -> list[tuple[int, int]]:
     """Pairs (region, region of the next pair of frames) that are one moving thing.
 
     Args:
@@ -79,7 +77,7 @@ def lasting_regions(links: list[tuple[Region, Region]]) -> set[Region]:
     return {one for one in regions if before.get(one, 1) + after.get(one, 1) - 1 >= _MIN_TRACK}
 
 
-def _overlap(first: Bools, second: Bools, reach: NDArray[np.uint8]) -> float:
+def _overlap(first: Bools, second: Bools, reach: Bytes) -> float:
     """Fraction of either mask, whichever is larger, that lies near the other."""
     near = cv2.dilate(first.astype(np.uint8), reach) > 0, cv2.dilate(second.astype(np.uint8), reach) > 0
     return max((second & near[0]).sum() / second.sum(), (first & near[1]).sum() / first.sum())
@@ -93,7 +91,7 @@ class InstanceScores:
         self._sums = np.zeros(count)
         self.pixels = np.zeros(count, np.int64)
 
-    def add(self, labels: NDArray[np.int32], probability: NDArray[np.floating]) -> None:
+    def add(self, labels: Ints32, probability: Reals) -> None:
         """Add a frame: (L, H, W) instance at each level, -1 for none, and (H, W) probability in [0, 1]."""
         # float64: sums over all frames of a video exceed the digits of float16 and float32.
         weight = probability.astype(np.float64)
@@ -104,7 +102,7 @@ class InstanceScores:
             self._sums += np.bincount(found, weights=weight[seen], minlength=len(self._sums))
 
     @property
-    def scores(self) -> NDArray[np.float64]:
+    def scores(self) -> Array:
         """(N,) mean probability of each instance; 0 if it has no pixel."""
         # Pooled over pixels, so a large view of an instance has more weight than a small one.
         return np.divide(self._sums, self.pixels, out=np.zeros_like(self._sums), where=self.pixels > 0)

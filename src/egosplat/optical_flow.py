@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
+from egosplat.arrays import Bools, Bytes, Floats, Reals
 
 # DIS flow needs images of at least this side [px].
 _MIN_SIDE = 32
@@ -18,13 +18,13 @@ def pixel_grid(height: int, width: int) -> Floats:
     return np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=2).astype(np.float32)
 
 
-def sample(image: NDArray, places: NDArray[np.floating]) -> NDArray:
+def sample(image: NDArray, places: Reals) -> NDArray:
     """The image at (h, w, 2) places [px, pixel centers at integers as in OpenCV]; beyond the border, that of the border."""
     x, y = cv2.split(places.astype(np.float32))
     return cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
+def find_flow(source: Bytes, target: Bytes) -> Floats:
     """Motion of each pixel of ``source`` to ``target``, (h, w) uint8, by dense inverse search (Kroeger et al. 2016).
 
     Returns:
@@ -40,7 +40,7 @@ def find_flow(source: NDArray[np.uint8], target: NDArray[np.uint8]) -> Floats:
     return np.asarray(flow, np.float32)[:height, :width]
 
 
-def is_consistent(flow: Floats, reverse: Floats, tolerance: float) -> NDArray[np.bool_]:
+def is_consistent(flow: Floats, reverse: Floats, tolerance: float) -> Bools:
     """(h, w) bool forward-backward check: following a pixel to the other image and back ends where it began.
 
     ``flow`` and ``reverse`` are (h, w, 2) [px]; ``tolerance`` [px] is in addition to a tenth of the flow's length.

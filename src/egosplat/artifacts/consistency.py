@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools
 from egosplat.artifacts.integrity import rebuild_command
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
@@ -39,7 +39,7 @@ def made_from_another(path: Path, source: Path) -> UserError:
 
 def kept_frames(
     frames: Artifact, survey_path: Path | None, masking: str | None = None
-) -> tuple[NDArray[np.bool_], dict[str, str]]:
+) -> tuple[Bools, dict[str, str]]:
     """The (F,) bool frames to train on, and ``{"kept_frames": digest}`` for the provenance; all, and {},
     without a survey. They are those that add views. Gaussians of a static scene without masks take every
     frame: ``masking``, the value of ``splats.masking``, asks for theirs. UserError if the survey cannot be

@@ -3,8 +3,8 @@ stale when that one changes, not when another does (``pipeline.code_hash``): a d
 that it needs."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schema import Schema, read_table
 
@@ -12,12 +12,12 @@ from egosplat.artifacts.schema import Schema, read_table
 FRAMES = read_table("frames")
 
 
-def shown_pixels(frames: Artifact, index: int, valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def shown_pixels(frames: Artifact, index: int, valid: Bools) -> Bools:
     """(H, W) bool: the pixels of a frame that show the scene; ``valid`` is the array of this name."""
     return valid & ~frames.row("masked", index) if frames.has("masked") else valid
 
 
-def seconds_of(frames: Artifact) -> NDArray[np.float64]:
+def seconds_of(frames: Artifact) -> Array:
     """(F,) time of each frame since the first [s]."""
     times = frames.read("timestamp_ns")
     return (times - times[:1]) / 1e9
@@ -54,7 +54,7 @@ TRACKS = "tracks"
 INSTANCES = read_table("instances")
 
 
-def is_track(instances: Artifact) -> NDArray[np.bool_]:
+def is_track(instances: Artifact) -> Bools:
     """(N,) the instances that are tracks; the others are masks that are merged in 3D."""
     moving = instances.read("instances/moving")
     return np.ones_like(moving) if instances.facts["source"] == TRACKS else moving
@@ -79,7 +79,7 @@ AS_GIVEN, TRAINED, FITTED, INTERPOLATED = range(4)
 SPLATS = read_table("splats")
 
 
-def camera_poses(poses: Artifact, splats: Artifact) -> NDArray[np.float64]:
+def camera_poses(poses: Artifact, splats: Artifact) -> Array:
     """(F, 4, 4) float64 poses to render with, those of training where it refined them; NaN where not registered."""
     corrected = splats.has("corrections/camera_to_world")
     return splats.read("corrections/camera_to_world") if corrected else poses.read("camera_to_world")

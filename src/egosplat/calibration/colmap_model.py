@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bytes, Ints
 from egosplat.calibration.files import MODEL_FILES, MODEL_SUFFIXES, model_files, next_image
 from egosplat.calibration.lens import Lens
 from egosplat.errors import UserError
@@ -34,11 +34,11 @@ class Contents:
 
     cameras: list[Lens]
     names: list[str]
-    camera_to_world: NDArray[np.float64]
-    points: NDArray[np.float64]
-    point_rgb: NDArray[np.uint8]
-    point_views: NDArray[np.int64]
-    point_error_px: NDArray[np.float64]
+    camera_to_world: Array
+    points: Array
+    point_rgb: Bytes
+    point_views: Ints
+    point_error_px: Array
     masks: list[Path | None] = field(default_factory=list)
     unread: list[str] = field(default_factory=list)
     notes: dict[str, Any] = field(default_factory=dict)
@@ -49,7 +49,7 @@ class Contents:
         return list(dict.fromkeys(self.cameras))
 
     @property
-    def lens_of(self) -> NDArray[np.int64]:
+    def lens_of(self) -> Ints:
         """(N,) the index of each picture's lens."""
         index_of = {lens: index for index, lens in enumerate(self.lenses)}
         return np.array([index_of[camera] for camera in self.cameras], np.int64)

@@ -7,9 +7,9 @@ from pathlib import Path, PurePosixPath
 from unicodedata import normalize
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.arrays import Ints
 from egosplat.calibration import files
 from egosplat.calibration.colmap_model import Contents, read_model
 from egosplat.calibration.transforms_json import read_transforms
@@ -69,9 +69,7 @@ def read_known_poses(recording: Path, kind: str, width: int, height: int) -> Con
     return replace(contents, camera_to_world=poses)
 
 
-def match_pictures(
-    names: Sequence[str], pictures: Sequence[str], path: Path
-) -> tuple[NDArray[np.int64], list[str]]:
+def match_pictures(names: Sequence[str], pictures: Sequence[str], path: Path) -> tuple[Ints, list[str]]:
     """Assign the entries of a file to pictures: one name is the end of the other, whose extension may differ.
     ``pictures`` are names from the recording's folder, or the numbers of a video's frames, counted from 0.
     Returns (P,) int64, the entry of each picture, -1 where there is none, and the names of the entries that

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import (
     ANNOTATIONS,
@@ -19,12 +19,10 @@ from egosplat.artifacts.schemas import (
     shown_pixels,
 )
 from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, find_queries, instances_of
+from egosplat.evaluation.queries import GROUPS, Query, find_queries, instances_of
 from egosplat.frames.recording import Instance
-from egosplat.geometry import Array, Camera
+from egosplat.geometry import Camera
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
-
-Picture = NDArray[np.uint8]
 
 # Schemas of a scene that is scored, without what OpenCLIP encoded.
 SCORED = (FRAMES, POSES, ANNOTATIONS, SPLATS, LANGUAGE)
@@ -67,12 +65,12 @@ class Evaluation:
     splats: Artifact
     frames: list[Frame]
     instances: list[Instance]
-    valid: Mask
+    valid: Bools
     camera: Camera
     camera_to_world: Array
     renders: str
 
-    def map_of(self, frame: Frame) -> InstanceMap:
+    def map_of(self, frame: Frame) -> Ints32:
         """(H, W) int32 instance map of an annotated frame, -1 for none."""
         return np.where(self.valid, self.annotations.row("instance_map", frame.row), np.int32(-1))
 
@@ -81,13 +79,13 @@ class Evaluation:
         every = find_queries(self.annotations, self.valid, options)
         return [query for query in every if self.frames[query.row].asked]
 
-    def rendering_of(self, frame: Frame, picture: Picture | None = None) -> Mapping[str, RegionScore]:
+    def rendering_of(self, frame: Frame, picture: Bytes | None = None) -> Mapping[str, RegionScore]:
         """Scores of a held-out frame's render, or of another picture: by group if it is annotated, else of all pixels only; empty for
         a training frame and for a frame without a pose."""
         if frame.held_out is None:
             return {}
         shown = shown_pixels(self.frames_artifact, frame.index, self.valid)
-        groups: Mapping[str, Mask] = {"all": shown}
+        groups: Mapping[str, Bools] = {"all": shown}
         if frame.annotated:
             groups = regions(self.map_of(frame), self.instances, shown)
         picture = self.splats.row(self.renders, frame.held_out) if picture is None else picture
@@ -131,7 +129,7 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values)) if values else math.nan
 
 
-def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mask) -> dict[str, Mask]:
+def regions(instance_map: Ints32, instances: Sequence[Instance], valid: Bools) -> dict[str, Bools]:
     """The (H, W) bool valid pixels of each group; those without annotation, -1 in the int32 map, are static."""
     # Index -1 selects the last entry.
     is_dynamic = np.array([*(instance.motion_type == "dynamic" for instance in instances), False])
@@ -140,7 +138,7 @@ def regions(instance_map: InstanceMap, instances: Sequence[Instance], valid: Mas
 
 
 def region_scores(
-    render: Picture, photograph: Picture, valid: Mask, groups: Mapping[str, Mask]
+    render: Bytes, photograph: Bytes, valid: Bools, groups: Mapping[str, Bools]
 ) -> dict[str, RegionScore]:
     """PSNR and SSIM of groups of valid pixels in (H, W, 3) uint8 images, see ``egosplat.image_quality``."""
     image, target = torch.from_numpy(render), torch.from_numpy(photograph)

@@ -7,8 +7,8 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.queries import Query
 from egosplat.frames.recording import Instance
@@ -99,7 +99,7 @@ def presence_entry(queries: Sequence[Mapping[str, Any]], min_score: float) -> di
 
 def annotated_shares(
     scene: QueryScene, things: Sequence[Thing], evaluation: Evaluation
-) -> tuple[NDArray[np.float64], list[str]]:
+) -> tuple[Array, list[str]]:
     """Measure how many pixels of each of T things lie on each annotated category, over the evaluation frames: (T, C + 1)
     float64, the last column without annotation; and names of the C categories."""
     names = sorted({instance.category for instance in evaluation.instances})
@@ -132,7 +132,7 @@ def annotated_shares(
     return total, names
 
 
-def is_right(shares: NDArray[np.float64], names: Sequence[str], category: str) -> bool | None:
+def is_right(shares: Array, names: Sequence[str], category: str) -> bool | None:
     """Whether most of a thing, a (C + 1,) row of ``annotated_shares``, is of a category; None if too little is visible."""
     # A few pixels at the border of a frame decide nothing.
     if shares.sum() < LEAST_PIXELS or category not in names:

@@ -4,17 +4,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.evaluation.options import ScoringOptions
 from egosplat.frames.recording import Instance
 
 # Groups with separate scores, as in the paper's tables.
 GROUPS = ("static", "dynamic", "all")
-
-InstanceMap = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -29,7 +26,7 @@ class Query:
     instances: Mapping[str, tuple[int, ...]]
 
 
-def find_queries(annotations: Artifact, valid: Mask, options: ScoringOptions) -> list[Query]:
+def find_queries(annotations: Artifact, valid: Bools, options: ScoringOptions) -> list[Query]:
     """Find all queries of an annotations artifact in (H, W) bool ``valid`` pixels, ordered by frame, then category."""
     instances = instances_of(annotations)
     annotated, frames = annotations.read("annotated"), annotations.read("frame")
@@ -40,7 +37,7 @@ def find_queries(annotations: Artifact, valid: Mask, options: ScoringOptions) ->
     ]
 
 
-def read_layers(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
+def read_layers(annotations: Artifact, row: int, valid: Bools) -> Ints32:
     """(L, H, W) int32: the instance map of an evaluation frame, then those of the instances that others cover in part; invalid
     pixels are -1."""
     first = annotations.row("instance_map", row)[None]
@@ -48,7 +45,7 @@ def read_layers(annotations: Artifact, row: int, valid: Mask) -> InstanceMap:
     return np.where(valid, np.concatenate([first, *beside]), np.int32(-1))
 
 
-def mask_of(layers: InstanceMap, members: Sequence[int]) -> Mask:
+def mask_of(layers: Ints32, members: Sequence[int]) -> Bools:
     """(H, W) bool: where any of (..., H, W) maps shows any of the instances."""
     return np.logical_or.reduce(np.isin(layers, members).reshape(-1, *layers.shape[-2:]), axis=0)
 
@@ -68,7 +65,7 @@ def instances_of(annotations: Artifact) -> list[Instance]:
 
 
 def categories(
-    layers: InstanceMap, instances: Sequence[Instance], options: ScoringOptions
+    layers: Ints32, instances: Sequence[Instance], options: ScoringOptions
 ) -> Iterator[tuple[str, dict[str, tuple[int, ...]]]]:
     """The categories to query in one frame of ``read_layers``, in alphabetical order, with their instances by group."""
     # An instance that others cover is whole in one layer, and in part in the first.

@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools, Ints, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import seconds_of
 from egosplat.evaluation.evaluation_frames import Evaluation
 from egosplat.evaluation.intervals import cluster, clustered_interval
 from egosplat.evaluation.options import ScoringOptions
-from egosplat.evaluation.queries import GROUPS, InstanceMap, Mask, Query, instances_of, mask_of, read_layers
+from egosplat.evaluation.queries import GROUPS, Query, instances_of, mask_of, read_layers
 from egosplat.frames.recording import Instance
 from egosplat.progress import track
 from egosplat.query.answers import ViewMatch
@@ -38,7 +38,7 @@ class Result:
 
 
 def score_query(
-    query: Query, pixel: tuple[int, int] | None, mask: Mask, layers: InstanceMap, valid: Mask
+    query: Query, pixel: tuple[int, int] | None, mask: Bools, layers: Ints32, valid: Bools
 ) -> dict[str, Result]:
     """Score the pixel and mask of one ``ViewMatch`` against the instances of each group, in (..., H, W) int32 layers of its
     frame, see ``read_layers``; (H, W) bool ``valid`` pixels show the scene."""
@@ -55,7 +55,7 @@ def score_query(
     return results
 
 
-def iou(predicted: Mask, target: Mask, valid: Mask) -> float:
+def iou(predicted: Bools, target: Bools, valid: Bools) -> float:
     """Intersection over union of two (H, W) bool masks over the valid pixels, 0..1; the target has a valid pixel."""
     predicted, target = predicted & valid, target & valid
     assert target.any()
@@ -88,7 +88,7 @@ def summarise(categories: Sequence[str], scores: Sequence[Mapping[str, Result]])
     return summary
 
 
-def target_area(layers: InstanceMap, instances: Sequence[int]) -> Mask:
+def target_area(layers: Ints32, instances: Sequence[int]) -> Bools:
     """(H, W) bool pixels of a (..., H, W) int32 map that hit any of the instances: those of its box, as in LangSplat's benchmark."""
     area = np.zeros(layers.shape[-2:], np.bool_)
     for x0, y0, x1, y1 in bounding_boxes(layers, instances):
@@ -97,7 +97,7 @@ def target_area(layers: InstanceMap, instances: Sequence[int]) -> Mask:
     return area
 
 
-def bounding_boxes(layers: InstanceMap, instances: Sequence[int]) -> NDArray[np.int64]:
+def bounding_boxes(layers: Ints32, instances: Sequence[int]) -> Ints:
     """(B, 4) int64 boxes of the visible instances: first column and row, last column and row [px], all inside."""
     boxes = []
     for instance in instances:
@@ -119,7 +119,7 @@ class AnsweredQuery:
 
 
 def run_queries(
-    queries: Iterable[Query], ask: Ask, annotations: Artifact, valid: Mask, options: ScoringOptions
+    queries: Iterable[Query], ask: Ask, annotations: Artifact, valid: Bools, options: ScoringOptions
 ) -> Iterator[AnsweredQuery]:
     """Answer and score queries, frame by frame, because a frame is rendered once for all its queries."""
     instances, by_frame = instances_of(annotations), {}
@@ -174,7 +174,7 @@ def mask_classes(ask: Ask, classes: Sequence[str]) -> Ask:
     return ask_all
 
 
-def count_right(query: Query, mask: Mask, layers: InstanceMap, instances: Sequence[Instance]) -> int:
+def count_right(query: Query, mask: Bools, layers: Ints32, instances: Sequence[Instance]) -> int:
     """Number of pixels of a query's mask that are labeled with its category and no other."""
     same = np.array([instance.category == query.category for instance in instances])
     own, others = (mask_of(layers, np.flatnonzero(members).tolist()) for members in (same, ~same))

@@ -50,9 +50,7 @@ def export_cameras(scene: Path, output: Path, format: str) -> None:
     log(f"{output}: {len(known)} images, {len(xyz)} points")
 
 
-def _write_transforms(
-    path: Path, camera: Camera, names: list[str], camera_to_world: Array, masks: bool
-) -> None:
+def _write_transforms(path: Path, camera: Camera, names: list[str], poses: Array, masks: bool) -> None:
     """Write ``transforms.json`` (docs.nerf.studio, data conventions), which names the points."""
     frames = [
         {
@@ -60,7 +58,7 @@ def _write_transforms(
             **({"mask_path": f"masks/{name}"} if masks else {}),
             "transform_matrix": (pose * OPENGL_AXES).tolist(),
         }
-        for name, pose in zip(names, camera_to_world, strict=True)
+        for name, pose in zip(names, poses, strict=True)
     ]
     short = {"width": "w", "height": "h", "fx": "fl_x", "fy": "fl_y", "cx": "cx", "cy": "cy"}
     lens = {short[name]: value for name, value in asdict(camera).items()}

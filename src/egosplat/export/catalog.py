@@ -51,16 +51,14 @@ def run(
     yield json.dumps(described, indent=1) if as_json else table
     if (carried := carried_table(things, scene.unit, None)) and not as_json:
         yield f"\n{carried}"
-    if output is None:
-        return
+    if output is not None:
+        _write(scene, things, described, output)
+        log(f"{output}: {len(things)} things")
+
+
+def _write(scene: Scene, things: Sequence[Answer], described: list[dict[str, Any]], output: Path) -> None:
     if output.suffix.lower() == ".json":
-        write_json(output, described)
-    else:
-        _write(scene, things, output)
-    log(f"{output}: {len(things)} things")
-
-
-def _write(scene: Scene, things: Sequence[Answer], output: Path) -> None:
+        return write_json(output, described)
     records = [_record(scene, thing) for thing in things]
     columns = None if records else ["name", "also", "answer", "origin", "unit"]
     if output.suffix:

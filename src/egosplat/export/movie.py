@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from egosplat.arrays import Array, Floats, Reals
 from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.initialization import SH_C0
-from egosplat.geometry import Array, known_poses
+from egosplat.geometry import known_poses
 from egosplat.images import evenly_spaced
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer, Thing
@@ -52,7 +52,7 @@ def _pictures(scene: Scene, shown: Sequence[Answer], side: int) -> Iterator[tupl
     """Pictures and the time of each [ms]: on the way to each answer, while it lights up, and the answer."""
     camera, turned = rendering_camera(scene.camera, side), lies_on_its_side(scene.artifact("frames"))
 
-    def picture(painted: QueryScene, frame: int) -> NDArray[np.float32]:
+    def picture(painted: QueryScene, frame: int) -> Floats:
         rendered = painted.picture(camera, scene.poses[frame])
         return np.rot90(rendered, -1) if turned else rendered
 
@@ -92,7 +92,7 @@ def _lit(scene: QueryScene, thing: Thing) -> QueryScene:
     return replace(scene, gaussians=replace(scene.gaussians, sh=(colors - 0.5) / SH_C0), sh_degree=0)
 
 
-def _captioned(rendered: NDArray[np.floating], text: str) -> Image.Image:
+def _captioned(rendered: Reals, text: str) -> Image.Image:
     """An image with a line of text below the picture, smaller for a long text."""
     height, width = rendered.shape[:2]
     line = round(_LINE * max(height, width))

@@ -13,10 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Ints32, Reals
 from egosplat.language.vectors import unit
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 NORMS = ("element", "cosine", "none")
 
@@ -37,14 +35,12 @@ class Aggregate:
         inlier: (R,) bool inliers in at least half of the channels.
     """
 
-    feature: Floats
-    views: NDArray[np.int32]
+    feature: Array
+    views: Ints32
     inlier: Bools
 
 
-def aggregate(
-    features: NDArray[np.floating], instance: NDArray[np.integer], count: int, norm: str, k: float
-) -> Aggregate:
+def aggregate(features: Reals, instance: NDArray[np.integer], count: int, norm: str, k: float) -> Aggregate:
     """Compute the consistent feature of each of ``count`` instances.
 
     Args:
@@ -71,7 +67,7 @@ def aggregate(
     return found
 
 
-def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, Bools]:
+def robust_mean(views: Reals, norm: str, k: float) -> tuple[Array, Bools]:
     """(G, D) float64 means of the inlier views of (G, V, D), and (G, V) bool inliers; see the module for norm and k."""
     values = views.astype(np.float64)
     if norm == "none":
@@ -88,7 +84,7 @@ def robust_mean(views: NDArray[np.floating], norm: str, k: float) -> tuple[Float
     return _mean(values, kept), 2 * kept.sum(axis=2) >= kept.shape[2]
 
 
-def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floats, float]:
+def disagreement(views: Reals, norm: str, k: float) -> tuple[Array, float]:
     """What decides whether each view of one instance, (V, D) finite, is an inlier: (V,) float64, and the
     largest of an inlier: fraction of channels in which the view is an outlier, 0 for ``none``."""
     if norm == "none":
@@ -96,7 +92,7 @@ def disagreement(views: NDArray[np.floating], norm: str, k: float) -> tuple[Floa
     return (~_kept_channels(views.astype(np.float64)[None], k)[0]).mean(axis=1), 0.5
 
 
-def _kept_channels(values: Floats, k: float) -> Bools:
+def _kept_channels(values: Array, k: float) -> Bools:
     """(G, V, D) bool: inliers of each channel."""
     deviation = np.abs(values - median(values)[:, None])
     # The paper's MAD has no factor 1.4826, which would scale it to the standard deviation of a normal distribution.
@@ -104,7 +100,7 @@ def _kept_channels(values: Floats, k: float) -> Bools:
     return deviation <= k * median(deviation)[:, None]
 
 
-def median(values: Floats) -> Floats:
+def median(values: Array) -> Array:
     """(G, V, D) -> (G, D) medians over V; for an even number, the mean of the two in the middle."""
     # Sorting contiguous numbers is several times as fast as a partition along the middle axis.
     ordered = np.sort(np.ascontiguousarray(values.transpose(0, 2, 1)), axis=2)
@@ -113,7 +109,7 @@ def median(values: Floats) -> Floats:
     return ordered[..., (count - 1) // 2] / 2 + ordered[..., count // 2] / 2
 
 
-def _mean(values: Floats, kept: Bools) -> Floats:
+def _mean(values: Array, kept: Bools) -> Array:
     """Average over axis 1 where ``kept``; at least one entry is kept."""
     number = np.maximum(kept.sum(axis=1), 1)
     # Divided before the sum, which cannot overflow then.

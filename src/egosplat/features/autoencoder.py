@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional as F
 
+from egosplat.arrays import Floats
 from egosplat.compute import single_thread
 from egosplat.errors import UserError
 from egosplat.language.decoder import Decoder
@@ -26,8 +26,6 @@ BATCH, LEARNING_RATE, COSINE_WEIGHT = 64, 7e-4, 0.001
 _JUDGED = 0.05
 
 _ROWS_AT_ONCE = 2**14
-
-Features = NDArray[np.float32]
 
 
 class Autoencoder(nn.Module):
@@ -57,8 +55,8 @@ class Autoencoder(nn.Module):
 
 
 def fit_autoencoder(
-    features: Features, dims: int, epochs: int, seed: int
-) -> tuple[Callable[[Features], Features], Decoder]:
+    features: Floats, dims: int, epochs: int, seed: int
+) -> tuple[Callable[[Floats], Floats], Decoder]:
     """Train codes of ``dims`` channels on (R, D) float32 rows, zeros allowed; equal rows and seed give equal weights.
 
     UserError: training diverges.
@@ -76,7 +74,7 @@ def fit_autoencoder(
             model.load_state_dict(_trained(model, torch.from_numpy(features), epochs, seed))
     model.eval()
 
-    def encode(rows: Features) -> Features:
+    def encode(rows: Floats) -> Floats:
         with torch.inference_mode(), single_thread():
             parts = [model.encode(part) for part in torch.from_numpy(rows).split(_ROWS_AT_ONCE)]
         return torch.cat(parts).numpy() if parts else np.zeros((0, dims), np.float32)

@@ -4,15 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Floats
 from egosplat.errors import UserError
 from egosplat.features.autoencoder import fit_autoencoder
 from egosplat.features.supervision import parts_of
 from egosplat.language.decoder import Decoder
-
-Features = NDArray[np.float32]
-Floats = NDArray[np.float64]
 
 # Fraction of rows that must be reconstructed where dims is auto, and their least cosine. A few of thousands of views may be unusual.
 SHARE, LEAST_COSINE = 0.95, 0.99
@@ -25,11 +22,11 @@ _COSINES_AT_ONCE = 2**12
 class Compression:
     """A fitted compression: (R, D) float32 features -> (R, C) float32 codes, and back."""
 
-    encode: Callable[[Features], Features]
+    encode: Callable[[Floats], Floats]
     decoder: Decoder
 
 
-def fit(features: Features, kind: str, dims: int | str, epochs: int, seed: int) -> Compression:
+def fit(features: Floats, kind: str, dims: int | str, epochs: int, seed: int) -> Compression:
     """Fit a compression to features (UserError: C exceeds D, or training diverges).
 
     Args:
@@ -56,7 +53,7 @@ def fit(features: Features, kind: str, dims: int | str, epochs: int, seed: int) 
     raise ValueError(f"compression {kind!r} is unknown")
 
 
-def fit_linear(features: Features, dims: int | None) -> Compression:
+def fit_linear(features: Floats, dims: int | None) -> Compression:
     """Fit the mean and ``dims`` principal directions, at most all: the linear code with the least squared error.
     Without ``dims``, uses as many as ``needed_dims`` returns."""
     width = features.shape[1]
@@ -75,7 +72,7 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
     largest = np.abs(basis).argmax(axis=0)
     basis *= np.sign(basis[largest, np.arange(dims)])
 
-    def encode(rows: Features) -> Features:
+    def encode(rows: Floats) -> Floats:
         codes = np.empty((len(rows), basis.shape[1]), np.float32)
         for part in parts_of(len(rows)):
             codes[part] = (rows[part].astype(np.float64) - mean) @ basis
@@ -85,7 +82,7 @@ def fit_linear(features: Features, dims: int | None) -> Compression:
     return Compression(encode, Decoder((dims, width), values))
 
 
-def needed_dims(features: Features, mean: Floats, basis: Floats) -> int:
+def needed_dims(features: Floats, mean: Array, basis: Array) -> int:
     """Return the fewest principal directions that reconstruct a fraction ``SHARE`` of (R, D) rows with at least
     the cosine ``LEAST_COSINE``, or all. ``mean`` is (D,), ``basis`` (D, D) orthonormal columns, most important first."""
     along, good = mean @ basis, np.zeros(len(mean))

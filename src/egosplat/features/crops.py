@@ -11,16 +11,13 @@ from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
 
+from egosplat.arrays import Bools, Bytes, Floats, Ints32
 from egosplat.artifacts.checkpoint import lie_within
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.language.vectors import unit, usable
 from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.progress import track
-
-Pixels = NDArray[np.uint8]
-Labels = NDArray[np.int32]
-Ints = NDArray[np.int32]
 
 # OpenCLIP's preprocessing uses PIL's resampling, which smooths when it shrinks an image; OpenCV's does not.
 RESAMPLING = {"bicubic": Image.Resampling.BICUBIC, "bilinear": Image.Resampling.BILINEAR}
@@ -37,7 +34,7 @@ def join_views(parts: Sequence[NDArray]) -> InstanceViews:
     return np.concatenate([np.zeros(0, VIEW), *parts]).view(np.recarray)
 
 
-def find_regions(labels: Labels, count: int, frame: int = 0) -> InstanceViews:
+def find_regions(labels: Ints32, count: int, frame: int = 0) -> InstanceViews:
     """Find the instances that a frame shows, in ascending order. ``labels`` are (L, H, W) int32 instances at
     each level, below ``count``, -1 for none; an instance belongs to one level."""
     views = np.zeros(count, VIEW).view(np.recarray)
@@ -52,9 +49,7 @@ def find_regions(labels: Labels, count: int, frame: int = 0) -> InstanceViews:
     return views[views.area > 0]
 
 
-def cut_crop(
-    rgb: Pixels, labels: Labels, instance: int, box: NDArray[np.int32], *, hull: bool = False
-) -> Pixels:
+def cut_crop(rgb: Bytes, labels: Ints32, instance: int, box: Ints32, *, hull: bool = False) -> Bytes:
     """Cut the square around an instance's box x0, y0, x1, y1 [px], black outside its mask, or outside the
     convex hull of it. ``rgb`` and ``labels`` are (H, W, 3) uint8, and (H, W) at its level; the result as of
     ``pad_square``."""
@@ -64,7 +59,7 @@ def cut_crop(
     return pad_square(rgb[y0:y1, x0:x1] * (fill_hull(mask) if hull else mask)[..., None])
 
 
-def pad_square(picture: Pixels) -> Pixels:
+def pad_square(picture: Bytes) -> Bytes:
     """Pad an (H, W, 3) picture with black to a square; it is in the middle, half a pixel up or left if the sides differ by an odd number."""
     height, width = picture.shape[:2]
     side = max(height, width)
@@ -72,7 +67,7 @@ def pad_square(picture: Pixels) -> Pixels:
     return np.pad(picture, ((top, side - height - top), (left, side - width - left), (0, 0)))
 
 
-def fill_hull(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def fill_hull(mask: Bools) -> Bools:
     """Fill the convex hull of the pixels of an (H, W) mask; without a pixel, the hull is empty."""
     rows, columns = np.nonzero(mask)
     filled = np.zeros(mask.shape, np.uint8)
@@ -82,14 +77,14 @@ def fill_hull(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return filled > 0
 
 
-def resize(crop: Pixels, size: tuple[int, int], interpolation: str) -> Pixels:
+def resize(crop: Bytes, size: tuple[int, int], interpolation: str) -> Bytes:
     """Resize an (S, S, 3) crop to height and width [px], with a resampling of OpenCLIP's: ``bicubic`` or ``bilinear``."""
     if crop.shape[:2] == size:
         return crop
     return np.asarray(Image.fromarray(crop).resize((size[1], size[0]), RESAMPLING[interpolation]))
 
 
-def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
+def encode(clip: OpenClip, crops: Bytes) -> Floats:
     """Encode (B, H, W, 3) uint8 crops at the model's size, B >= 1.
 
     Returns:
@@ -106,7 +101,7 @@ def encode(clip: OpenClip, crops: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.where(good[:, None], unit(np.where(good[:, None], features, 0.0)), np.nan).astype(np.float32)
 
 
-def encode_crops(clip: OpenClip, crops: Sequence[Pixels]) -> NDArray[np.float32]:
+def encode_crops(clip: OpenClip, crops: Sequence[Bytes]) -> Floats:
     """(B, D) features as of ``encode`` of (h, w, 3) uint8 crops of any shape, padded to squares; there may be none."""
     wanted = clip.preprocessing
     squares = [resize(pad_square(crop), wanted.image_size, wanted.interpolation) for crop in crops]
@@ -150,7 +145,7 @@ def split_batches(views: InstanceViews, chunks: list[range], size: int) -> list[
     ]
 
 
-def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
+def spread(instance: Ints32, most: int) -> Bools:
     """(R,) bool: at most ``most`` evenly spaced rows per sorted instance (R,), always including the first."""
     _, first, counts = np.unique(instance, return_index=True, return_counts=True)
     place = np.arange(len(instance)) - np.repeat(first, counts)
@@ -161,7 +156,7 @@ def spread(instance: Ints, most: int) -> NDArray[np.bool_]:
 
 def cut_crops(
     frames: Artifact, instances: Artifact, views: InstanceViews, wanted: Preprocessing, *, hull: bool
-) -> Iterator[NDArray[np.uint8]]:
+) -> Iterator[Bytes]:
     """Yield the upright (H, W, 3) uint8 crop of each view, sorted by frame, at the model's size; holds one frame at a time."""
     level = instances.read("instances/level")
     turned = lies_on_its_side(frames)

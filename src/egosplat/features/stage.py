@@ -5,6 +5,7 @@ from typing import Any
 
 import torch
 
+from egosplat.arrays import Floats
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FEATURES, VIEW_FEATURES
@@ -12,7 +13,7 @@ from egosplat.artifacts.writer import create
 from egosplat.features.aggregation import MAD_K, Aggregate, aggregate
 from egosplat.features.compression import fit
 from egosplat.features.options import FeaturesOptions
-from egosplat.features.supervision import Features, mean_cosine, spread, supervise_views
+from egosplat.features.supervision import mean_cosine, spread, supervise_views
 from egosplat.language.decoder import decode, decoder_metadata
 from egosplat.progress import log
 
@@ -33,7 +34,7 @@ def run(view_features_path: Path, output: Path, options: FeaturesOptions) -> Non
     # An encoder maps the zero feature to an arbitrary code.
     consistent_codes[~seen] = 0.0
 
-    def decoded(codes: Features) -> Features:
+    def decoded(codes: Floats) -> Floats:
         return decode(torch.from_numpy(codes), compressed.decoder).numpy()
 
     facts = {

@@ -6,21 +6,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Floats, Ints32, Reals
 from egosplat.features.aggregation import Aggregate
 from egosplat.features.options import FeaturesOptions
 from egosplat.language.vectors import unit
-
-Features = NDArray[np.float32]
-Floats = NDArray[np.floating]
-Bools = NDArray[np.bool_]
 
 # Rows that are held in float64 at a time: 64 MiB at 512 channels.
 _ROWS_AT_ONCE = 2**14
 
 
 def supervise_views(
-    feature: Features, instance: NDArray[np.int32], found: Aggregate, options: FeaturesOptions
-) -> tuple[Features, Features, NDArray[np.float64], Bools]:
+    feature: Floats, instance: Ints32, found: Aggregate, options: FeaturesOptions
+) -> tuple[Floats, Floats, Array, Bools]:
     """The supervision of (R, D) features of views, in their place, (N, D) consistent features, (R,) cosines to them, mismatched flags."""
     # Means of unit norm: similarity to text depends on the direction alone (docs/method.md#unit-norm).
     consistent = consistent_directions(found.feature, feature, instance)
@@ -38,7 +35,7 @@ def supervise_views(
     return feature, consistent.astype(np.float32), agreement, agreement < limit
 
 
-def supervise(own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools, target: str) -> Floats:
+def supervise(own: Reals, consistent: Reals, inlier: Bools, mismatched: Bools, target: str) -> Reals:
     """Return the supervision of R views, before normalization.
 
     Args:
@@ -58,7 +55,7 @@ def supervise(own: Floats, consistent: Floats, inlier: Bools, mismatched: Bools,
     return np.where(mismatched[:, None], own, averaged)
 
 
-def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.integer]) -> Floats:
+def consistent_directions(consistent: Reals, own: Reals, instance: NDArray[np.integer]) -> Reals:
     """Normalize (N, D) float64 consistent features of the (R, D) ``own`` ones of views, sorted by ``instance`` (R,)."""
     owners, first = np.unique(instance, return_index=True)
     directions = unit(consistent)
@@ -68,7 +65,7 @@ def consistent_directions(consistent: Floats, own: Floats, instance: NDArray[np.
     return directions
 
 
-def vanishing(features: Floats) -> Bools:
+def vanishing(features: Reals) -> Bools:
     """(R,) bool: features whose norm is rounding error, as averages of unit vectors."""
     # About ten times the rounding of float32, in which the views are stored.
     return np.linalg.norm(features, axis=-1) < 1e-6
@@ -79,18 +76,18 @@ def parts_of(count: int) -> list[slice]:
     return [slice(begin, begin + _ROWS_AT_ONCE) for begin in range(0, count, _ROWS_AT_ONCE)]
 
 
-def cosines(features: Features, others: Callable[[slice], Floats]) -> NDArray[np.float64]:
+def cosines(features: Floats, others: Callable[[slice], Reals]) -> Array:
     """(R,) cosine of each of (R, D) features with what ``others`` returns for some rows; 0 if either vanishes."""
     parts = [(unit(features[part]) * unit(others(part))).sum(axis=1) for part in parts_of(len(features))]
     return np.concatenate([np.zeros(0), *parts])
 
 
-def mean_cosine(features: Features, others: Callable[[slice], Floats]) -> float | None:
+def mean_cosine(features: Floats, others: Callable[[slice], Reals]) -> float | None:
     """Mean of ``cosines``; None without a row."""
     return float(cosines(features, others).mean()) if len(features) else None
 
 
-def spread(features: Features) -> float | None:
+def spread(features: Floats) -> float | None:
     """Mean cosine between different rows of (N, D) features; None for fewer than two. It is 1 if all are
     equal, which too few code channels cause (docs/method.md#code-dimensions)."""
     count = len(features)

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Bools, Floats
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Chunks, Work
 from egosplat.artifacts.consistency import check_made_from
@@ -36,8 +36,6 @@ from egosplat.progress import log
 
 # Crops per OpenCLIP batch. The order of sums, and so the last digit, depends on it.
 BATCH = 64
-
-Features = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -130,7 +128,7 @@ def run(
     log(f"{len(order)} views of {seen} of {count} instances")
 
 
-def _checked(features: Sequence[Features], checkpoint: str) -> NDArray[np.bool_]:
+def _checked(features: Sequence[Floats], checkpoint: str) -> Bools:
     """(R,) bool: views with a feature, of parts of them; the number of others is logged."""
     good = np.concatenate([np.zeros(0, bool), *map(usable, features)])
     if len(good) and not good.any():

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Ints
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import ANNOTATIONS, FRAMES
@@ -55,7 +55,7 @@ def run(recording_path: Path, frames_path: Path, output: Path, options: Annotati
     log(f"{annotated.sum()} of {len(indices)} evaluation frames are annotated{lacking}")
 
 
-def _keys(facts: dict[str, Any], timestamp_ns: NDArray[np.int64]) -> AnnotationKeys:
+def _keys(facts: dict[str, Any], timestamp_ns: Ints) -> AnnotationKeys:
     lenses, pinhole = [Lens.of_facts(lens) for lens in facts.get("lenses", ())], facts.get("pinhole")
     lens_of = zip(timestamp_ns.tolist(), facts["lens_of_frame"], strict=True) if lenses else ()
     return AnnotationKeys(

@@ -4,8 +4,8 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bytes, Ints32
 from egosplat.calibration.files import (
     HOI4D_VIDEO,
     find_masks,
@@ -104,7 +104,7 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
     if (masks := find_masks(folder)) is None:
         return None
 
-    def read(timestamp_ns: int) -> NDArray[np.int32] | None:
+    def read(timestamp_ns: int) -> Ints32 | None:
         number = round(timestamp_ns * MASKS_PER_SECOND / 1e9)
         mask = masks / f"{number:05d}.png"
         age_ns = abs(timestamp_ns - round(number * 1e9 / MASKS_PER_SECOND))
@@ -137,7 +137,7 @@ def instances_of(category: str, folder: Path) -> list[Instance]:
     return instances
 
 
-def decode_labels(mask: NDArray[np.uint8]) -> NDArray[np.int32]:
+def decode_labels(mask: Bytes) -> Ints32:
     """(H, W, 3) uint8 RGB mask -> (H, W) int32 labels 0 (none) to 6; -1 for other colors."""
     labels = np.full(mask.shape[:2], -1, np.int32)
     for label, color in enumerate(COLORS):

@@ -11,9 +11,9 @@ from pathlib import Path
 from shlex import quote
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from egosplat.arrays import Bools, Bytes, Ints
 from egosplat.calibration.files import DYNAMIC_MASK, OTHER_PICTURES, dynamic_masks, list_pictures
 from egosplat.calibration.lens import Lens, shared_pinhole
 from egosplat.errors import UserError
@@ -68,7 +68,7 @@ class Source:
 
     path: Path
     pictures: list[Picture]
-    timestamp_ns: NDArray[np.int64]
+    timestamp_ns: Ints
     turned: bool = False
     lenses: list[Lens] = field(default_factory=list)
 
@@ -94,17 +94,17 @@ class Source:
         share = np.bincount([picture.lens for picture in self.pictures], minlength=len(self.lenses))
         return shared_pinhole(self.lenses, share.tolist()) if self.lenses else None
 
-    def keep(self, indices: NDArray[np.int64]) -> "Source":
+    def keep(self, indices: Ints) -> "Source":
         """The source of some pictures alone, at their times."""
         kept = [self.pictures[index] for index in indices]
         return replace(self, pictures=kept, timestamp_ns=self.timestamp_ns[indices])
 
-    def read_frames(self, indices: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
+    def read_frames(self, indices: Ints) -> Iterator[Bytes]:
         """Yield the (height, width, 3) uint8 RGB picture of each index, without transparency; UserError if undecodable."""
         for index in indices:
             yield read_rgb(self.pictures[index].path, turned=self.turned)
 
-    def read_opaque(self, index: int) -> NDArray[np.bool_]:
+    def read_opaque(self, index: int) -> Bools:
         """(height, width) bool: pixels without any transparency; UserError if there is none, or it is undecodable."""
         path = self.pictures[index].path
         opaque = read_rgb(path, turned=self.turned, alpha=True)[..., 3] == 255
@@ -176,7 +176,7 @@ def open_image(path: Path) -> Iterator[Image.Image]:
         raise UserError(f"{path}: not a readable image ({error}). Copy it again, or remove it.") from error
 
 
-def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray[np.uint8]:
+def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> Bytes:
     """Decode an image to (H, W, 3) uint8 RGB, or 4 with alpha, turned by EXIF or not; UserError if it is no 8-bit image."""
     with open_image(path) as image:
         if image.mode not in _EIGHT_BIT:
@@ -187,10 +187,10 @@ def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> NDArray
         return np.array(upright.convert("RGBA" if alpha else "RGB"))
 
 
-def read_mask(path: Path, width: int, height: int) -> NDArray[np.bool_]:
+def read_mask(path: Path, width: int, height: int) -> Bools:
     """(height, width) bool, True where an image is not black; UserError if it is unreadable or of another size."""
     black = _BLACK_OF_JPEG if path.suffix.lower() in (".jpg", ".jpeg") else 0
-    mask: NDArray[np.bool_] = np.any(read_rgb(path) > black, axis=2)
+    mask: Bools = np.any(read_rgb(path) > black, axis=2)
     if mask.shape != (height, width):
         raise UserError(f"{path}: {mask.shape[1]}x{mask.shape[0]} px, but the frames are {width}x{height}.")
     return mask

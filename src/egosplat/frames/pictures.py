@@ -7,8 +7,8 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools, Bytes, Ints
 from egosplat.calibration import known_poses
 from egosplat.calibration.colmap.distortion import lens_of_frames
 from egosplat.calibration.files import CAMERA_FILE, VALID_MASK, companion_path, known_poses_path
@@ -29,7 +29,6 @@ FOCAL_PRIOR = 1.2
 # Frames a second that show a walk well enough, and fewest of a video. COLMAP takes six times as long for thrice as many (docs/speed.md).
 _ENOUGH_PER_S, _FEW = 3.0, 100
 
-Mask = NDArray[np.bool_]
 FindLabeled = Callable[[list[str]], list[int]]
 # By its time, a phone's pictures may have a lens each, and a table of positions takes megabytes.
 _rectifier = lru_cache(maxsize=4)(Rectifier)
@@ -46,7 +45,7 @@ class Pictures:
     """
 
     source: Source
-    valid: Mask
+    valid: Bools
     pinhole: Camera | None
     size: tuple[int, int]
 
@@ -54,7 +53,7 @@ class Pictures:
         picture = self.source.pictures[index]
         return _rectifier(self.source.lenses[picture.lens], self.pinhole) if self.source.lenses else None
 
-    def read(self, indices: NDArray[np.int64], valid: Mask) -> Iterator[NDArray[np.uint8]]:
+    def read(self, indices: Ints, valid: Bools) -> Iterator[Bytes]:
         """Yield the rectified (H, W, 3) uint8 frame of each index, 0 outside of ``valid``; UserError if it is undecodable."""
         for index, full in zip(indices.tolist(), self.source.read_frames(indices), strict=True):
             if self.source.pictures[index].alpha:
@@ -74,7 +73,7 @@ class Pictures:
             for picture in self.source.pictures
         )
 
-    def shown(self, index: int) -> Mask:
+    def shown(self, index: int) -> Bools:
         """(H, W) bool: pixels of a rectified frame that ``valid``, its own masks and its transparency all leave."""
         picture, (width, height) = self.source.pictures[index], self.source.sizes[index]
         # With pictures of several sizes ``valid.png`` is refused.
@@ -188,7 +187,7 @@ def _misfit(source: Source) -> int | None:
     return misfits.index(True) if any(misfits) else None
 
 
-def _read_valid(path: Path, source: Source) -> Mask:
+def _read_valid(path: Path, source: Source) -> Bools:
     """The mask of the full-size pictures' pixels that show the scene."""
     file, (width, height) = companion_path(path, VALID_MASK), source.size
     # A broken link is not a missing file: reading it reports the error.
@@ -204,7 +203,7 @@ def _read_valid(path: Path, source: Source) -> Mask:
 
 def _choose_frames(
     source: Source, path: Path, options: FramesOptions, find_labeled: FindLabeled | None
-) -> tuple[NDArray[np.int64], NDArray[np.int64] | None]:
+) -> tuple[Ints, Ints | None]:
     """The indices of the pictures that become frames, and of the labeled ones."""
     every = select_frames(source.timestamp_ns, options.change(stride=1), path)
     frames, labeled = every[:: options.stride], None
@@ -228,7 +227,7 @@ def _estimate_lens(pictures: Pictures, full: Camera) -> Pictures:
     return replace(pictures, source=source, pinhole=source.pinhole)
 
 
-def _shared_mask(pictures: Pictures) -> tuple[Mask, Callable[[int], Mask] | None]:
+def _shared_mask(pictures: Pictures) -> tuple[Bools, Callable[[int], Bools] | None]:
     """(H, W) bool: the pixels that some frame shows; and what returns those of them that a frame leaves out, or None."""
     count = len(pictures.source.pictures)
     if not pictures.any_masked:
@@ -242,7 +241,7 @@ def _shared_mask(pictures: Pictures) -> tuple[Mask, Callable[[int], Mask] | None
         raise UserError(f"{pictures.source.path}: masks leave no pixel of any picture. {shows}.")
     left_out = valid & ~shown
 
-    def unpacked(bits: NDArray[np.uint8]) -> Mask:
+    def unpacked(bits: Bytes) -> Bools:
         return np.unpackbits(bits, axis=1, count=pictures.size[0]).astype(bool)
 
     return unpacked(valid), (lambda index: unpacked(left_out[index])) if left_out.any() else None

@@ -6,8 +6,8 @@ from pathlib import Path
 from unicodedata import normalize
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Ints, Ints32
 from egosplat.calibration.files import ANNOTATIONS, INSTANCES_TABLE, companion_path, is_annotated, list_masks
 from egosplat.errors import UserError
 from egosplat.files import read_user_text
@@ -37,7 +37,7 @@ def open_annotations(path: Path, keys: AnnotationKeys) -> Annotations | None:
     index_of_id = np.full(_MAX_ID + 1, _UNKNOWN_ID, dtype=np.int32)
     index_of_id[[0, *(instance.id for instance in instances)]] = np.arange(-1, len(instances))
 
-    def read(timestamp_ns: int) -> NDArray[np.int32] | None:
+    def read(timestamp_ns: int) -> Ints32 | None:
         if timestamp_ns not in annotated:
             return None
         png, (width, height) = annotated[timestamp_ns]
@@ -91,7 +91,7 @@ def _match(folder: Path, source: Source) -> dict[int, Path]:
     return pngs
 
 
-def _read_ids(path: Path) -> NDArray[np.int64]:
+def _read_ids(path: Path) -> Ints:
     with open_image(path) as image:
         if image.mode not in _ONE_CHANNEL:
             raise UserError(f"{path}: pixels of type {image.mode}; use a single channel of 8 or 16 bits.")

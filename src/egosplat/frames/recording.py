@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes, Ints, Ints32
 from egosplat.calibration.files import Origin
 from egosplat.calibration.lens import Lens, Rectifier
 from egosplat.errors import UserError
@@ -31,17 +31,17 @@ class Recording:
         facts: further facts about a plain recording, as plain JSON.
     """
 
-    timestamp_ns: NDArray[np.int64]
-    exposure_middle_ns: NDArray[np.int64]
+    timestamp_ns: Ints
+    exposure_middle_ns: Ints
     camera: Camera
     camera_known: bool
-    valid: NDArray[np.bool_]
-    read_frames: Callable[[NDArray[np.int64]], Iterator[NDArray[np.uint8]]]
-    device_from_camera: NDArray[np.float64] | None = None
+    valid: Bools
+    read_frames: Callable[[Ints], Iterator[Bytes]]
+    device_from_camera: Array | None = None
     origin: Origin = "real"
     upright: bool = True
-    labeled: NDArray[np.int64] | None = None
-    masked: Callable[[int], NDArray[np.bool_]] | None = None
+    labeled: Ints | None = None
+    masked: Callable[[int], Bools] | None = None
     facts: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -85,7 +85,7 @@ class Annotations:
     """
 
     instances: list[Instance]
-    read: Callable[[int], NDArray[np.int32] | None]
+    read: Callable[[int], Ints32 | None]
     covered: int = 0
 
 
@@ -111,7 +111,7 @@ class AnnotationKeys:
     lenses: Mapping[int, Lens] = field(default_factory=dict)
     pinhole: Camera | None = None
 
-    def fit(self, labels: NDArray[np.int32], time: int) -> NDArray[np.int32]:
+    def fit(self, labels: Ints32, time: int) -> Ints32:
         """Rectify and resize (h, w) labels of a picture to its frame at ``time`` [ns], (H, W)."""
         if lens := self.lenses.get(time):
             labels = Rectifier(lens, self.pinhole).labels(labels)

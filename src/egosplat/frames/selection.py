@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools, Ints
 from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
 
@@ -16,7 +16,7 @@ _MIN_TRAINING_FRAMES = 2
 _AUTO_EVALUATION_FRAMES, _FRAMES_PER_EVALUATION_FRAME = 12, 6
 
 
-def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, source: Path) -> NDArray[np.int64]:
+def select_frames(timestamp_ns: Ints, options: FramesOptions, source: Path) -> Ints:
     """Indices, (F,) int64, of every ``stride``-th of (N,) times in the range start_s <= t < end_s, the first
     one included. UserError if the times do not increase, or no frame is in the range."""
     start_s, end_s = options.start_s, options.end_s
@@ -35,8 +35,8 @@ def select_frames(timestamp_ns: NDArray[np.int64], options: FramesOptions, sourc
 
 
 def split_frames(
-    count: int, options: FramesOptions, annotated: bool, labeled: NDArray[np.int64] | None = None
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    count: int, options: FramesOptions, annotated: bool, labeled: Ints | None = None
+) -> tuple[Bools, Bools]:
     """Choose the middle frame of each of ``evaluation_frames`` equal parts of the recording for evaluation. ``annotated``: without
     annotations there is no query to score, so that auto lets every frame train. ``labeled``: the frames that alone may be chosen,
     increasing: parts are then of these; None if all may. Returns two (count,) bool arrays, training and evaluation frames;

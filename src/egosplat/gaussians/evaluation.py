@@ -4,26 +4,26 @@ from collections.abc import Callable
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Array, Bytes
 from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.training_views import Views
-from egosplat.geometry import Array, Camera
+from egosplat.geometry import Camera
 from egosplat.image_quality import mean_ssim, psnr, ssim_map
 
 # PSNR [dB] and SSIM of V images, (V,) float64 each; NaN for an image without a valid pixel, or SSIM window.
-Scores = tuple[NDArray[np.float64], NDArray[np.float64]]
+Scores = tuple[Array, Array]
 
 
-def mean_known(values: NDArray[np.float64]) -> float:
+def mean_known(values: Array) -> float:
     """Mean of ``Scores`` over the images with a value, NaN if there is none."""
     known = values[~np.isnan(values)]
     return float(known.mean()) if len(known) else float("nan")
 
 
-def describe(psnr: NDArray[np.float64], ssim: NDArray[np.float64]) -> str:
+def describe(psnr: Array, ssim: Array) -> str:
     """The means of scores in words."""
     return f"PSNR {mean_known(psnr):.2f} dB, SSIM {mean_known(ssim):.3f}"
 
@@ -32,7 +32,7 @@ def describe(psnr: NDArray[np.float64], ssim: NDArray[np.float64]) -> str:
 def evaluate(
     scene: TrainedScene,
     views: Views,
-    show: Callable[[int, NDArray[np.uint8]], object] = lambda index, picture: None,
+    show: Callable[[int, Bytes], object] = lambda index, picture: None,
 ) -> Scores:
     """Render and score every view; there may be none. ``show`` is called with the index and the rendered (H,
     W, 3) uint8 image of each."""

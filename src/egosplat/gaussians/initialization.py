@@ -4,10 +4,10 @@ geometry looks transient. Points are float64 NumPy arrays, Gaussians float32 ten
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
+from egosplat.arrays import Array, Bools, Bytes, Ints
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
@@ -17,9 +17,6 @@ from egosplat.geometry import Camera, invert, transform
 from egosplat.images import evenly_spaced
 from egosplat.progress import log
 from egosplat.rasterize.contract import FAR_PLANE
-
-Points = NDArray[np.float64]
-Colors = NDArray[np.uint8]
 
 # The constant spherical harmonic 1 / (2 sqrt(pi)): color = SH_C0 * coefficient + 0.5.
 SH_C0 = 0.28209479177387814
@@ -70,7 +67,7 @@ def starting_gaussians(poses: Artifact, views: Views, options: TrainingOptions) 
     return from_points(xyz, rgb, near_plane=near_plane, **keys).to(views.device)
 
 
-def _check_origin(poses: Artifact, camera_to_world: Points, near_plane: float) -> None:
+def _check_origin(poses: Artifact, camera_to_world: Array, near_plane: float) -> None:
     farthest = float(np.abs(camera_to_world[:, :3, 3]).max())
     # Gaussians are float32: far from the origin, neighboring numbers are too far apart.
     step = float(np.spacing(np.float32(farthest)))
@@ -81,7 +78,7 @@ def _check_origin(poses: Artifact, camera_to_world: Points, near_plane: float) -
         )
 
 
-def _check_depths(poses: Artifact, xyz: Points, views: Views, near_plane: float) -> None:
+def _check_depths(poses: Artifact, xyz: Array, views: Views, near_plane: float) -> None:
     """Check that the renderer shows most of the scene: otherwise the world has another unit than the near plane."""
     depths = seen_depths(xyz, views, 0.0)
     if not len(depths) or np.mean((depths >= near_plane) & (depths <= FAR_PLANE)) >= 0.5:
@@ -99,8 +96,8 @@ def _check_depths(poses: Artifact, xyz: Points, views: Views, near_plane: float)
 
 
 def _densify(
-    xyz: Points, rgb: Colors, views: Views, max_points: int, near_plane: float, seed: int
-) -> tuple[Points, Colors]:
+    xyz: Array, rgb: Bytes, views: Views, max_points: int, near_plane: float, seed: int
+) -> tuple[Array, Bytes]:
     """Add points where views show none, and thin the given points to at least half of ``max_points``."""
     every, colors = densify(xyz, rgb, views, near_plane)
     given, added = len(xyz), len(every) - len(xyz)
@@ -111,19 +108,19 @@ def _densify(
     return np.concatenate([kept[0], new[0]]), np.concatenate([kept[1], new[1]])
 
 
-def _subset(xyz: Points, rgb: Colors, most: int, seed: int) -> tuple[Points, Colors]:
+def _subset(xyz: Array, rgb: Bytes, most: int, seed: int) -> tuple[Array, Bytes]:
     chosen = _random_subset(len(xyz), most, seed)
     return xyz[chosen], rgb[chosen]
 
 
-def _random_subset(count: int, most: int, seed: int) -> NDArray[np.int64]:
+def _random_subset(count: int, most: int, seed: int) -> Ints:
     """Return sorted indices of at most ``most`` of ``count`` items: all, or a random subset."""
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
 
 
-def densify(xyz: Points, rgb: Colors, views: Views, near_plane: float) -> tuple[Points, Colors]:
+def densify(xyz: Array, rgb: Bytes, views: Views, near_plane: float) -> tuple[Array, Bytes]:
     """Points and colors, with new ones at the end so that each image cell of evenly spaced views shows one, if it
     shows any. A new point lies in the middle of its cell. Its depth is the median depth of the nearest cell
     with points, its color that of the photograph. Points added for one photograph count for the next. Without any
@@ -153,7 +150,7 @@ def densify(xyz: Points, rgb: Colors, views: Views, near_plane: float) -> tuple[
     return xyz, rgb
 
 
-def _cell_centers(camera: Camera) -> NDArray[np.float64]:
+def _cell_centers(camera: Camera) -> Array:
     """Return the (R, C, 2) middle of each cell [px], column first."""
     side = max(max(camera.width, camera.height) / CELLS, _LEAST_CELL)
     across, down = (max(round(length / side), 1) for length in (camera.width, camera.height))
@@ -162,9 +159,7 @@ def _cell_centers(camera: Camera) -> NDArray[np.float64]:
     return np.stack(np.meshgrid(columns, rows), axis=-1)
 
 
-def _cell_depths(
-    xyz: Points, camera: Camera, pose: Points, shape: tuple[int, int], near_plane: float
-) -> NDArray[np.float64]:
+def _cell_depths(xyz: Array, camera: Camera, pose: Array, shape: tuple[int, int], near_plane: float) -> Array:
     """Return the (R, C) median camera z of the points in each cell [m], NaN for an empty cell."""
     local = transform(invert(pose), xyz)
     pixels = camera.project(local)
@@ -183,7 +178,7 @@ def _cell_depths(
 
 
 def from_points(
-    xyz: Points, rgb: Colors, *, sh_degree: int, max_points: int, seed: int, near_plane: float = 0.1
+    xyz: Array, rgb: Bytes, *, sh_degree: int, max_points: int, seed: int, near_plane: float = 0.1
 ) -> Gaussians:
     """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
     Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1,
@@ -209,7 +204,7 @@ def from_points(
     )
 
 
-def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.float64]:
+def neighbor_distance(points: Array, near_plane: float = 0.1) -> Array:
     """Return the (P,) float64 RMS distance [m] of each of (P, 3) points to its three nearest neighbors. Uses
     fewer neighbors if there are fewer. A lone point gets the near plane; the minimum is 0.3 % of it."""
     if len(points) < 2:
@@ -221,7 +216,7 @@ def neighbor_distance(points: Points, near_plane: float = 0.1) -> NDArray[np.flo
     return np.sqrt(np.maximum((distances[:, 1:] ** 2).mean(axis=1), least))
 
 
-def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
+def scene_extent(camera_to_world: Array, near_plane: float = 0.1) -> float:
     """Return the scene size [m]: 1.1 times the largest distance of a camera from the mean camera (3DGS). The
     learning rate of the means and the split and prune sizes scale with it. It is at least 10 near planes [m].
     ValueError: there is no (F, 4, 4) pose, or one is not finite."""
@@ -233,7 +228,7 @@ def scene_extent(camera_to_world: Points, near_plane: float = 0.1) -> float:
     return max(1.1 * float(distances.max()), _LEAST_EXTENT * near_plane)
 
 
-def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane: float) -> NDArray[np.bool_]:
+def seen(points: Array, camera: Camera, camera_to_world: Array, *, near_plane: float) -> Bools:
     """(P,) bool: which (P, 3) world points [m] lie in the image of at least one of (F, 4, 4) cameras,
     whatever hides them. False for a point that is not finite, or nearer than ``near_plane`` [m]."""
     result = np.zeros(len(points), dtype=bool)
@@ -247,7 +242,7 @@ def seen(points: Points, camera: Camera, camera_to_world: Points, *, near_plane:
     return result
 
 
-def seen_depths(points: Points, views: Views, near_plane: float) -> NDArray[np.float64]:
+def seen_depths(points: Array, views: Views, near_plane: float) -> Array:
     """(S,) depths of the points (P, 3) in evenly spaced views that show them, at ``near_plane`` or beyond [m]."""
     depths = []
     for pose in views.camera_to_world[evenly_spaced(len(views), _DEPTH_VIEWS)]:
@@ -256,6 +251,6 @@ def seen_depths(points: Points, views: Views, near_plane: float) -> NDArray[np.f
     return np.concatenate([np.zeros(0), *depths])
 
 
-def in_picture(local: Points, camera: Camera, *, near_plane: float) -> NDArray[np.bool_]:
+def in_picture(local: Array, camera: Camera, *, near_plane: float) -> Bools:
     """Test which points (P, 3) in camera axes [m] lie in the image, at ``near_plane`` or beyond; (P,) bool."""
     return camera.contains(camera.project(local)) & (local[:, 2] >= near_plane)

@@ -3,12 +3,11 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn.functional import pad
 
+from egosplat.arrays import Array, Floats
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera, invert
 from egosplat.rasterize.contract import check_cameras
@@ -41,7 +40,7 @@ class RenderSettings:
 def view_of(
     gaussians: Gaussians,
     camera: Camera,
-    camera_to_world: NDArray[np.float64] | Tensor,
+    camera_to_world: Array | Tensor,
     settings: RenderSettings,
 ) -> View:
     """Return what the functions of ``egosplat.rasterize.view`` take; the background of the settings is not
@@ -70,7 +69,7 @@ def view_of(
 def render(
     gaussians: Gaussians,
     camera: Camera,
-    camera_to_world: NDArray[np.float64] | Tensor,
+    camera_to_world: Array | Tensor,
     settings: RenderSettings,
     *,
     sh_degree: int,
@@ -118,17 +117,17 @@ class TrainedScene:
     sh_degree: int
 
     @torch.no_grad()
-    def picture(self, camera: Camera, camera_to_world: NDArray[np.float64]) -> NDArray[np.float32]:
+    def picture(self, camera: Camera, camera_to_world: Array) -> Floats:
         """Render (H, W, 3) float32 sRGB in [0, 1] as in training; a random background becomes black."""
         return self.rendered(camera, camera_to_world).clamp(0.0, 1.0).cpu().numpy()
 
-    def rendered(self, camera: Camera, camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:
+    def rendered(self, camera: Camera, camera_to_world: Array | Tensor) -> Tensor:
         """The (H, W, 3) colors on the device, which may exceed 1."""
         how = {"sh_degree": self.sh_degree, "background": self.settings.color_behind}
         return render(self.gaussians, camera, camera_to_world, self.settings, **how)[0][..., :3]
 
 
-def _world_to_camera(camera_to_world: NDArray[np.float64] | Tensor) -> Tensor:
+def _world_to_camera(camera_to_world: Array | Tensor) -> Tensor:
     """Inverse of a (4, 4) rigid motion in float64; differentiable by a tensor."""
     if not isinstance(camera_to_world, Tensor):
         return torch.from_numpy(invert(camera_to_world))

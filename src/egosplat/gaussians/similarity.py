@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from egosplat.gaussians.model import Gaussians
-from egosplat.geometry import is_rigid, transform
+from egosplat.geometry import Array, is_rigid, transform
 from egosplat.rasterize.reference.spherical_harmonics import sh_basis
 
 # Scales and shifts up to this leave Gaussians finite in float32.
@@ -20,7 +19,7 @@ LARGEST = 1e15
 _DIRECTIONS = 200
 
 
-def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def split_similarity(matrix: Array) -> tuple[float, Array]:
     """The scale of a (4, 4) similarity, and its (3, 3) rotation; ValueError if it is no rotation with a scale and a shift."""
     # The length of a row: a determinant may overflow.
     scale = math.hypot(*matrix[0, :3]) or math.nan
@@ -31,7 +30,7 @@ def split_similarity(matrix: NDArray[np.float64]) -> tuple[float, NDArray[np.flo
     return scale, rigid[:3, :3]
 
 
-def moved(gaussians: Gaussians, matrix: NDArray[np.float64]) -> Gaussians:
+def moved(gaussians: Gaussians, matrix: Array) -> Gaussians:
     """Apply a (4, 4) similarity to Gaussians on the CPU; the identity leaves every bit. Raises as ``split_similarity``."""
     scale, rotation = split_similarity(matrix)
     if np.array_equal(matrix, np.eye(4)):
@@ -53,7 +52,7 @@ def moved(gaussians: Gaussians, matrix: NDArray[np.float64]) -> Gaussians:
     )
 
 
-def _sh_turn(rotation: NDArray[np.float64], degree: int) -> Tensor:
+def _sh_turn(rotation: Array, degree: int) -> Tensor:
     """(K, K) matrix that gives turned Gaussians their colors from the turned directions."""
     random = np.random.default_rng(0).normal(size=(_DIRECTIONS, 3))
     directions = torch.from_numpy(random / np.linalg.norm(random, axis=1, keepdims=True))

@@ -9,6 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Ints
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_needed
 from egosplat.artifacts.schemas import MASKS, TRANSIENT, shown_pixels
@@ -38,9 +39,6 @@ class StoredRows:
         return row
 
 
-Mask = NDArray[np.bool_]
-
-
 @dataclass(frozen=True)
 class Views:
     """V photographs of one camera.
@@ -57,16 +55,16 @@ class Views:
         near: tells of (P, 3) points, (P,) bool, whether Gaussians should start there, and not only a few; None for all.
     """
 
-    frame: NDArray[np.int64]
+    frame: Ints
     pictures: Tensor | StoredRows
-    camera_to_world: NDArray[np.float64]
+    camera_to_world: Array
     valid: Tensor | None
     transient: Tensor | StoredRows | None
     camera: Camera
     device: torch.device
     log_gain: Tensor | None = None
     compression: Tensor | None = None
-    near: Callable[[NDArray[np.float64]], Mask] | None = None
+    near: Callable[[Array], Bools] | None = None
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -94,7 +92,7 @@ def pixel_weight(valid: Tensor | None, transient: Tensor | None) -> Tensor | Non
     return static if valid is None else valid * static
 
 
-def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> tuple[Mask, Mask]:
+def split_views(frames: Artifact, poses: Artifact, kept: Bools | None = None) -> tuple[Bools, Bools]:
     """Choose (F,) bool frames with a pose: to train on, among those ``kept``, and held-out ones, which decide
     nothing. UserError if there is none to train on."""
     train, registered = frames.read("train"), poses.read("registered")
@@ -108,7 +106,7 @@ def split_views(frames: Artifact, poses: Artifact, kept: Mask | None = None) -> 
 
 
 def read_views(
-    frames: Artifact, poses: Artifact, chosen: Mask, device: torch.device, *, resolution: int | None = None
+    frames: Artifact, poses: Artifact, chosen: Bools, device: torch.device, *, resolution: int | None = None
 ) -> Views:
     """Read the ``chosen`` (F,) bool frames, all with a pose. Only what the frames' own masks leave out is
     masked. ``resolution`` is the longer side of the views [px]; None keeps the size of the frames."""
@@ -121,7 +119,7 @@ def read_views(
     every = frames.read("valid")
     valid = resize_mask(every, width, height)
 
-    def masked(position: int) -> Mask:
+    def masked(position: int) -> Bools:
         return valid & ~resize_mask(shown_pixels(frames, int(rows[position]), every), width, height)
 
     camera = Camera.from_matrix(poses.read("intrinsics"), full_width, full_height)

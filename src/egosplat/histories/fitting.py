@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools
 from egosplat.gaussians.initialization import from_points
 from egosplat.gaussians.loss import l1_ssim
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.optimizer import Adam, LearningRates
 from egosplat.gaussians.render import view_of
-from egosplat.geometry import Array, invert, transform
+from egosplat.geometry import invert, transform
 from egosplat.histories.places import End, PlaceView, Recording
 from egosplat.rasterize.view import sum_over_pixels
 
@@ -86,7 +86,7 @@ def essential(gaussians: Gaussians, views: Sequence[PlaceView]) -> Gaussians:
 
 
 @torch.no_grad()
-def improved(view: PlaceView, gaussians: Gaussians) -> NDArray[np.bool_]:
+def improved(view: PlaceView, gaussians: Gaussians) -> Bools:
     """(h, w) bool: shown pixels whose error is clearly lower with Gaussians than without."""
     return (view.error - view.error_with(gaussians) > _CHANGED).cpu().numpy() & view.shown
 

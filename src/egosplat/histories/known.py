@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Ints, Ints32
 from egosplat.artifacts.integrity import damaged
 from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
-from egosplat.geometry import Array
 from egosplat.histories.told import Carried, meet
 
 # Two carries of a thing show one way if they share this part of the shorter one's time.
@@ -23,7 +22,7 @@ _TOGETHER = 0.25
 _NOWHERE = np.full(3, np.nan)
 
 
-def read_spans(histories: Artifact, group: str, names: Sequence[str], count: int) -> list[NDArray[np.int64]]:
+def read_spans(histories: Artifact, group: str, names: Sequence[str], count: int) -> list[Ints]:
     """Read ``names``, arrays of ``carries`` or ``rests`` with frames: those in which spans begin, those in which they end, and others
     (ArtifactError: a frame is none of ``count``, or a span ends before it begins, as in a file that was edited)."""
     frames = {f"{group}/{name}": histories.read(f"{group}/{name}") for name in names}
@@ -52,17 +51,17 @@ class Rests:
     """
 
     gaussians: Gaussians
-    rest: NDArray[np.int64]
-    thing: NDArray[np.int64]
+    rest: Ints
+    thing: Ints
     from_s: Array
     until_s: Array
     feature: Tensor
     absent_s: Array
     center: Array
     size: Array
-    frame: NDArray[np.int64]
-    box: NDArray[np.int32]
-    links: NDArray[np.int32]
+    frame: Ints
+    box: Ints32
+    links: Ints32
 
     @staticmethod
     def read(histories: Artifact, seconds: Array, device: torch.device) -> "Rests":
@@ -140,9 +139,7 @@ def _between(tracked: Sequence[Carried], rests: Rests, row: int, before: int, af
     return replace(known, from_s=from_s, until_s=until_s, start=start, end=end)
 
 
-def _complete(
-    links: Sequence[Sequence[int]], rests: Sequence[int], absent: NDArray[np.bool_]
-) -> Iterator[Sequence[int]]:
+def _complete(links: Sequence[Sequence[int]], rests: Sequence[int], absent: Bools) -> Iterator[Sequence[int]]:
     """The carries of a thing, (carry, rest before, rest after) each, -1 for none: between two of its ``rests``, in the order of time, is
     one, which may have been missed, and so before the first and after the last, if ``absent`` (2, R) tells that it was elsewhere."""
     whole = [one for one in links if min(one[1:]) >= 0]

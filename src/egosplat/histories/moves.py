@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat.geometry import Array
+from egosplat.arrays import Array, Bools
 from egosplat.histories.sightings import Nesting, Sightings
 
 # A track that no frame shows for longer than this begins anew [s].
@@ -42,7 +41,7 @@ class Carry:
     """
 
     seen: Sightings
-    moving: NDArray[np.bool_]
+    moving: Bools
     lost: bool = False
     others: tuple[int, ...] = ()
 
@@ -108,7 +107,7 @@ def _runs(seen: Sightings, seconds: Array) -> Iterator[Sightings]:
             yield seen[begin:end]
 
 
-def _jumps(run: Sightings) -> NDArray[np.bool_]:
+def _jumps(run: Sightings) -> Bools:
     """(S - 1,) bool: whether the next sighting is elsewhere. What the wearer carries moves little before the camera, a still thing in the world."""
     larger = np.maximum(run.side[:-1], run.side[1:])
     far = np.linalg.norm(np.diff(run.center, axis=0), axis=1) > _JUMP_SIZES * larger
@@ -140,7 +139,7 @@ def _carries(run: Sightings, seconds: Array) -> Iterator[Carry]:
             yield replace(carry, lost=lost)
 
 
-def _moving(run: Sightings, time: Array) -> NDArray[np.bool_]:
+def _moving(run: Sightings, time: Array) -> Bools:
     """(S,) bool: sightings around which the thing does not stay at one place."""
     away = np.zeros(len(time))
     for row, now in enumerate(time):
@@ -149,7 +148,7 @@ def _moving(run: Sightings, time: Array) -> NDArray[np.bool_]:
     return away > _OF_SIZE * run.side + _OF_DEPTH * run.local[:, 2]
 
 
-def _stretches(chosen: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _stretches(chosen: Bools) -> list[tuple[int, int]]:
     """Begin and end of each stretch of true values."""
     steps = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(np.int8)))
     return list(zip(steps[::2].tolist(), steps[1::2].tolist(), strict=True))

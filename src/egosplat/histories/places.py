@@ -7,19 +7,17 @@ from itertools import groupby
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Bytes, Ints, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import is_track
 from egosplat.gaussians.exposure import expose
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import TrainedScene, render
-from egosplat.geometry import Array, Camera, invert, transform
+from egosplat.geometry import Camera, invert, transform
 from egosplat.images import evenly_spaced, shrunk_size
 from egosplat.progress import track
-
-Mask = NDArray[np.bool_]
 
 # Longer side of the renders that give the depth [px]: a place needs no finer surface.
 _SIDE = 256
@@ -54,16 +52,16 @@ class Recording(TrainedScene):
     compression: Tensor | None
 
     @cached_property
-    def valid(self) -> Mask:
+    def valid(self) -> Bools:
         """(H, W) bool pixels that show the scene."""
         return self.frames.read("valid")
 
     @cached_property
-    def is_track(self) -> Mask:
+    def is_track(self) -> Bools:
         """(N,) bool instances that are tracks."""
         return is_track(self.instances)
 
-    def moving(self, frame: int, labels: NDArray[np.int32]) -> Mask:
+    def moving(self, frame: int, labels: Ints32) -> Bools:
         """(H, W) bool pixels of what moves in a frame with these labels: tracks, and refined masks if there are any."""
         # Label -1 indexes the last entry.
         tracks = np.asarray(np.append(self.is_track, False)[labels].any(axis=0))
@@ -106,8 +104,8 @@ class PlaceView:
     camera: Camera
     camera_to_world: Array
     near: Tensor
-    picture: NDArray[np.uint8]
-    shown: Mask
+    picture: Bytes
+    shown: Bools
 
     @property
     def colors(self) -> Tensor:
@@ -145,7 +143,7 @@ def _scene_near(view: PlaceView) -> Gaussians:
 
 
 def find_views(
-    ends: Sequence[End], frames: NDArray[np.int64], seconds: Array, recording: Recording
+    ends: Sequence[End], frames: Ints, seconds: Array, recording: Recording
 ) -> list[dict[int, list[int]]]:
     """Those of ``frames`` that show the place of each end, with its crop, left, top, right and bottom; of many the nearest by
     ``seconds`` (F,), and others evenly spaced."""
@@ -192,7 +190,7 @@ def see_places(
         yield from views.values()
 
 
-def _crops(points: Array, radii: Array, recording: Recording) -> tuple[Mask, NDArray[np.int64]]:
+def _crops(points: Array, radii: Array, recording: Recording) -> tuple[Bools, Ints]:
     """Crops around (E, 3) points in the camera's axes: (E,) whether the point is in the picture, and its crop large enough; and
     (E, 4) left, top, right and bottom of those."""
     camera, pixels = recording.camera, recording.camera.project(points)
@@ -204,7 +202,7 @@ def _crops(points: Array, radii: Array, recording: Recording) -> tuple[Mask, NDA
     return inside & ((last - first).min(axis=1) >= _SMALLEST), np.hstack([first, last])
 
 
-def _are_open(points: Array, radii: Array, camera: Camera, depth: Array) -> Mask:
+def _are_open(points: Array, radii: Array, camera: Camera, depth: Array) -> Bools:
     """(E,) whether no surface of the scene hides each of (E, 3) points in the camera's axes."""
     cell = camera.project(points) * depth.shape[::-1] / (camera.width, camera.height)
     column, row = cell.astype(np.int64).T

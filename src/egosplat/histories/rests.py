@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Ints32
 from egosplat.gaussians.model import Gaussians
-from egosplat.geometry import Array
 from egosplat.histories.fitting import essential, explained, fit, start_points
 from egosplat.histories.moves import Carry
 from egosplat.histories.places import End, PlaceView, Recording
@@ -99,7 +98,7 @@ def find_rests(
     return sorted(rests, key=lambda rest: rest.frames)
 
 
-def link(ends: Sequence[End], rests: Sequence[Rest], seconds: Array, carries: int) -> NDArray[np.int32]:
+def link(ends: Sequence[End], rests: Sequence[Rest], seconds: Array, carries: int) -> Ints32:
     """(2, C) int32 rest before and after each carry, -1 for none: that of the most evidence at its place and time."""
     links = np.full((2, carries), -1, np.int32)
     for end in ends:
@@ -144,7 +143,7 @@ def _learn(end: End, views: Sequence[PlaceView], seconds: Array, recording: Reco
 
 
 def _learn_from(
-    allowed: NDArray[np.bool_], beyond: Array, end: End, views: Sequence[PlaceView], recording: Recording
+    allowed: Bools, beyond: Array, end: End, views: Sequence[PlaceView], recording: Recording
 ) -> Rest | None:
     """Learn a thing from the first of the allowed views, then from all views that it explains; None if it explains few."""
     first = sorted(np.flatnonzero(allowed).tolist(), key=lambda number: beyond[number])[:_FIRST_VIEWS]
@@ -180,7 +179,7 @@ def _shares(told: Array) -> Array:
     return fewer / np.maximum(most, max(1.0, _OF_MEDIAN * float(np.median(pixels))))
 
 
-def _span(beyond: Array, shares: Array) -> NDArray[np.bool_]:
+def _span(beyond: Array, shares: Array) -> Bools:
     """(V,) bool: views from just before the end of a carry to where the thing is gone: there the sum of what is explained is largest."""
     shown = np.zeros(len(beyond), bool)
     for side in (np.flatnonzero(beyond > 0), np.flatnonzero(beyond <= 0)):

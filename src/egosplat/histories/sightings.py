@@ -4,13 +4,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat.geometry import Array, Camera, transform
+from egosplat.arrays import Array, Bools, Ints, Ints32
+from egosplat.geometry import Camera, transform
 from egosplat.histories.places import Recording
 from egosplat.progress import track
-
-Bools = NDArray[np.bool_]
 
 # Pixels this near to the border of what the camera shows belong to its edge, as a share of the longer side.
 _EDGE = 0.01
@@ -42,7 +40,7 @@ Sightings = Any
 Nesting = dict[tuple[int, int, int], float]
 
 
-def see_tracks(frames: NDArray[np.int64], recording: Recording) -> tuple[Sightings, Nesting]:
+def see_tracks(frames: Ints, recording: Recording) -> tuple[Sightings, Nesting]:
     """Find each track in the frames that show it, among ``frames`` with a pose: (S,) ``SIGHTING``, by frame and track."""
     valid, rows, inside = recording.valid, [], {}
     radius = max(1, round(_EDGE * max(valid.shape)))
@@ -79,7 +77,7 @@ def _see(mask: Bools, surface: Array, edge: Bools, camera: Camera, pose: Array) 
     return len(row), edge[row, column].mean(), transform(pose, local), local, side, box
 
 
-def _nested(frame: int, numbers: NDArray[np.int32], masks: list[Bools]) -> Nesting:
+def _nested(frame: int, numbers: Ints32, masks: list[Bools]) -> Nesting:
     step = max(1, max(masks[0].shape) // _COMPARED)
     flat = np.stack([mask[::step, ::step].ravel() for mask in masks]).astype(np.float32)
     common, area = flat @ flat.T, flat.sum(axis=1)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Floats
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.lineage import open_inputs
@@ -107,7 +107,7 @@ def _columns_of_carries(carries: Sequence[Carry], views: Artifact) -> Columns:
     }
 
 
-def _features_of_carries(carries: Sequence[Carry], views: Artifact) -> NDArray[np.float32]:
+def _features_of_carries(carries: Sequence[Carry], views: Artifact) -> Floats:
     """(C, D) mean feature of the views of each carry and of those that look alike, of unit norm; zeros without views."""
     instance, frame = views.read("instance"), views.read("frame")
     mine = np.isin(instance, [number for carry in carries for number in (carry.track, *carry.others)])

@@ -5,13 +5,12 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from egosplat.arrays import Array, Floats, Ints32
 from egosplat.features.aggregation import aggregate
 from egosplat.features.crops import encode_crops, fill_hull, pad_square
-from egosplat.geometry import Array
 from egosplat.histories.fitting import improved
 from egosplat.histories.rests import Rest
 from egosplat.language.vectors import unit, usable
@@ -25,13 +24,10 @@ _AGGREGATION = ("cosine", 2.0)
 # The smallest thing that OpenCLIP encodes [px].
 _LEAST_PIXELS = 50
 
-Ints = NDArray[np.int32]
-Floats = NDArray[np.float32]
-
 
 def find_things(
-    rests: Sequence[Rest], looks: Sequence[Array], links: Ints, carried: Floats
-) -> tuple[Ints, Ints, Floats]:
+    rests: Sequence[Rest], looks: Sequence[Array], links: Ints32, carried: Floats
+) -> tuple[Ints32, Ints32, Floats]:
     """Find the thing of each rest and of each carry by ``group`` and ``match``, with ``features_of`` each thing, from the (D,)
     features of rests and (C, D) of carries, zeros without one, and what ``link`` returns."""
     things, of_carries = group(len(rests), links)
@@ -42,7 +38,7 @@ def find_things(
     return things, of_carries, features_of(np.append(things, of_carries), every)
 
 
-def group(rests: int, links: Ints) -> tuple[Ints, Ints]:
+def group(rests: int, links: Ints32) -> tuple[Ints32, Ints32]:
     """Number the things: (R,) int32 of each rest, and (C,) of each carry, which is one with the rests before and after it, see
     ``link``; -1 without a rest."""
     side, carry = np.nonzero(links >= 0)
@@ -55,7 +51,9 @@ def group(rests: int, links: Ints) -> tuple[Ints, Ints]:
     return thing.astype(np.int32), of_carries.astype(np.int32)
 
 
-def match(things: Ints, of_carries: Ints, rests: Sequence[Rest], features: Floats) -> tuple[Ints, Ints]:
+def match(
+    things: Ints32, of_carries: Ints32, rests: Sequence[Rest], features: Floats
+) -> tuple[Ints32, Ints32]:
     """Join things of ``group`` that look alike by (T, D) features, of unit norm or zeros, and rest one after the other, or at
     one place: a carry between them was missed, or they are parts."""
     alike = (features @ features.T).astype(np.float64)
@@ -81,7 +79,7 @@ def _are_two(rest: Rest, other: Rest) -> bool:
     return at_once and apart > rest.radius + other.radius
 
 
-def features_of(owner: Ints, every: Array) -> Floats:
+def features_of(owner: Ints32, every: Array) -> Floats:
     """(T, D) mean of the (R + C, D) features of each thing's rests and carries, by ``owner``, -1 for none, without outliers, of unit
     norm or zeros: a hand is in some of them."""
     rows = np.flatnonzero(usable(every) & (owner >= 0))

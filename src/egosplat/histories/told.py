@@ -7,8 +7,8 @@ from numbers import Real
 
 import numpy as np
 
+from egosplat.arrays import Array
 from egosplat.errors import UserError
-from egosplat.geometry import Array
 
 # Two places are one if they are no farther apart than this many sizes of the thing: depth is that of the surface behind it.
 APART = 3.0

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses
@@ -17,7 +17,7 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import begin, train_alone
-from egosplat.gaussians.training_views import Mask, Views, read_views
+from egosplat.gaussians.training_views import Views, read_views
 from egosplat.instances.options import InstancesOptions
 from egosplat.rasterize.api import training_device
 
@@ -38,12 +38,12 @@ class Geometry:
 
     gaussians: Gaussians
     views: Views
-    camera_to_world: NDArray[np.float64]
+    camera_to_world: Array
     settings: RenderSettings
 
 
 def train_geometry(
-    frames: Artifact, poses: Artifact, training: Mask, keys: InstancesOptions, output: Path, key: str
+    frames: Artifact, poses: Artifact, training: Bools, keys: InstancesOptions, output: Path, key: str
 ) -> Geometry:
     """Train Gaussians for a short time at the working size, on all pixels of the ``training`` (F,) bool
     frames, all with a pose. A killed run resumes from its checkpoint with this ``key``, which is kept next to
@@ -61,7 +61,7 @@ def train_geometry(
 
 
 def given_geometry(
-    frames: Artifact, poses: Artifact, splats: Artifact, training: Mask, keys: InstancesOptions
+    frames: Artifact, poses: Artifact, splats: Artifact, training: Bools, keys: InstancesOptions
 ) -> Geometry:
     """The scene's Gaussians, with the views and poses of their training."""
     device = training_device(keys.backend)

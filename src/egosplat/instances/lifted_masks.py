@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy import sparse
 
+from egosplat.arrays import Bools, Floats, Ints, Ints32, Reals
 from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.render import view_of
 from egosplat.images import resize_labels
@@ -15,8 +15,6 @@ from egosplat.instances.geometry import Geometry
 from egosplat.language.centers import look_at_centers
 from egosplat.progress import track
 from egosplat.rasterize.view import sum_over_pixels
-
-Labels = NDArray[np.int32]
 
 LEAST_SEEN = 0.25
 """Compositing weight [px] from which a frame has seen a Gaussian."""
@@ -40,31 +38,31 @@ class LiftedMasks:
             its center does not count or shows something else.
     """
 
-    instance: NDArray[np.int64]
-    frame: NDArray[np.int64]
-    row: NDArray[np.int64]
+    instance: Ints
+    frame: Ints
+    row: Ints
     votes: sparse.csc_array
     seen: sparse.csr_array
 
     @property
-    def weight(self) -> NDArray[np.floating]:
+    def weight(self) -> Reals:
         """(N,) mean compositing weight of each Gaussian in the frames that see it [px]."""
         total = np.asarray(self.seen.sum(0), np.float32)
         often = np.bincount(self.seen.indices[self.seen.data >= LEAST_SEEN], minlength=len(total))
         return total / np.maximum(often, 1)
 
-    def select(self, chosen: NDArray[np.bool_]) -> "LiftedMasks":
+    def select(self, chosen: Bools) -> "LiftedMasks":
         """Select masks by (V,) bool."""
         votes = self.votes[:, np.flatnonzero(chosen)]
         return replace(self, instance=self.instance[chosen], frame=self.frame[chosen], votes=votes)
 
 
-def holds(votes: NDArray[np.float32], seen: NDArray[np.float32]) -> NDArray[np.bool_]:
+def holds(votes: Floats, seen: Floats) -> Bools:
     """Whether summed votes are at least the share ``INSIDE`` of the summed seen weights, of Gaussians that are seen."""
     return (seen >= LEAST_SEEN) & (votes >= INSIDE * seen)
 
 
-def masks_of(thing: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+def masks_of(thing: Ints) -> list[Ints]:
     """The masks of each thing, from the (V,) thing of each mask, -1 for none; in the order of the things."""
     order = np.argsort(thing, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(thing[order])) + 1)
@@ -74,8 +72,8 @@ def masks_of(thing: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 def lift(
     geometry: Geometry,
     segments: Artifact,
-    shown: Callable[[int], NDArray[np.bool_]],
-    select: Callable[[Labels], tuple[Labels, NDArray[np.bool_]]],
+    shown: Callable[[int], Bools],
+    select: Callable[[Ints32], tuple[Ints32, Bools]],
 ) -> LiftedMasks | None:
     """Lift the masks of segments.zarr in all training views; None if no view has a mask. ``shown`` gives the
     (H, W) bool pixels of a frame that show the scene; ``select`` which of its labels (L, h, w) vote, -1 for

@@ -5,9 +5,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from egosplat.arrays import Ints, Ints32, Reals
 from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
 
 FRAMES_A_BLOCK = 8
@@ -16,10 +16,8 @@ FRAMES_A_BLOCK = 8
 SAMPLE = 20_000
 """Gaussians, drawn at random, by which runs are compared."""
 
-Ints = NDArray[np.int64]
-Floats = NDArray[np.floating]
 
-Row = tuple[NDArray[np.int32], Floats]
+Row = tuple[Ints32, Reals]
 """Columns and values of a row of a sparse matrix."""
 
 # Masks are compared only if their frames have both seen at least this share of the smaller one.
@@ -37,7 +35,7 @@ class Runs:
         voters: (n, R) sparse, which runs have votes of each Gaussian; not changed by ``add``.
     """
 
-    def __init__(self, votes: sparse.csr_array, seen: sparse.csr_array, weight: Floats) -> None:
+    def __init__(self, votes: sparse.csr_array, seen: sparse.csr_array, weight: Reals) -> None:
         """Take (R, n) weights, summed inside the masks and in the frames of the masks [px]; the (n,) weight of each
         Gaussian in an IoU."""
         self._weight = weight
@@ -45,11 +43,11 @@ class Runs:
         self.held = [self._holds(run) for run in range(len(self._votes))]
         self._size = np.array([weight[held].sum() for held in self.held])
 
-    def _holds(self, run: int) -> NDArray[np.int32]:
+    def _holds(self, run: int) -> Ints32:
         gaussian, votes = self._votes[run]
         return gaussian[holds(votes, _dense(self._seen[run], len(self._weight))[gaussian])]
 
-    def _sees(self, run: int) -> NDArray[np.int32]:
+    def _sees(self, run: int) -> Ints32:
         gaussian, seen = self._seen[run]
         return gaussian[seen >= LEAST_SEEN]
 
@@ -63,7 +61,7 @@ class Runs:
         self.held[into], self.held[other] = self._holds(into), self.held[other][:0]
         self._size[into] = self._weight[self.held[into]].sum()
 
-    def overlaps(self, one: int, others: Ints, least: float = 0.0) -> Floats:
+    def overlaps(self, one: int, others: Ints, least: float = 0.0) -> Reals:
         """(K,) IoU of a run with each of others on what both have seen; NaN where that is too small a part of the
         smaller run, or the IoU cannot reach ``least``."""
         weight, parts = self._weight, (self.held[one], self._sees(one))
@@ -87,26 +85,26 @@ def rows_of(matrix: Any) -> list[Row]:
     return [(matrix.indices[span], matrix.data[span]) for span in spans]
 
 
-def _columns(matrix: Any, rows: NDArray[np.int32]) -> NDArray[np.int32]:
+def _columns(matrix: Any, rows: Ints32) -> Ints32:
     """The columns of the values of some rows; an index of SciPy takes many times as long for few rows."""
     ends = matrix.indptr[rows + 1]
     counts = ends - matrix.indptr[rows]
     return matrix.indices[np.repeat(ends - np.cumsum(counts), counts) + np.arange(counts.sum())]
 
 
-def _dense(row: Row, length: int) -> Floats:
+def _dense(row: Row, length: int) -> Reals:
     found = np.zeros(length, row[1].dtype)
     found[row[0]] = row[1]
     return found
 
 
-def _sums(gaussians: list[NDArray[np.int32]], values: Floats) -> Any:
+def _sums(gaussians: list[Ints32], values: Reals) -> Any:
     """(K,) sum of the (n,) values of the Gaussians of each of K lists."""
     owner = np.repeat(np.arange(len(gaussians)), [*map(len, gaussians)])
     return np.bincount(owner, values[np.concatenate([np.zeros(0, np.int32), *gaussians])], len(gaussians))
 
 
-def merge(masks: LiftedMasks, run: Ints, weight: Floats) -> Ints:
+def merge(masks: LiftedMasks, run: Ints, weight: Reals) -> Ints:
     """(R,) thing of each run of masks of one level: the lowest number of the runs that are merged, as they
     show one thing. ``run`` (V,) numbers the runs in the order of their first frames; ``weight`` (N,) is that
     of each Gaussian in an IoU."""

@@ -1,12 +1,12 @@
 """Tracks: those of what moves are drawn over the things, which are merged without them; others stand still."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from egosplat.arrays import Array, Bools, Ints, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.images import evenly_spaced
-from egosplat.instances.lifted_masks import Labels, LiftedMasks, masks_of
+from egosplat.instances.lifted_masks import LiftedMasks, masks_of
 from egosplat.instances.merging import MERGE_IOU, Runs
 
 APART_S = 1.0
@@ -27,7 +27,7 @@ class MovingTracks:
         standing: (S,) int64 instances of segments.zarr that are tracks and stand still. Their masks are merged.
     """
 
-    def __init__(self, segments: Artifact, standing: NDArray[np.int64] | None = None) -> None:
+    def __init__(self, segments: Artifact, standing: Ints | None = None) -> None:
         """Read which instances of segments.zarr move; ``standing``: those that do not, none by default."""
         tracked = segments.read("instances/moving")
         self.standing = np.zeros(0, np.int64) if standing is None else standing
@@ -39,18 +39,18 @@ class MovingTracks:
         self._number = np.append(np.where(moving, np.cumsum(moving) - 1, -1), -1).astype(np.int32)
         self._single = np.append(~tracked, False)
 
-    def keep(self, labels: Labels) -> tuple[Labels, NDArray[np.bool_]]:
+    def keep(self, labels: Ints32) -> tuple[Ints32, Bools]:
         """Labels (L, H, W) of segments.zarr of the tracks alone, and (H, W) bool, no pixel."""
         return np.where(self._number[labels] >= 0, labels, np.int32(-1)), np.zeros(labels.shape[1:], bool)
 
-    def remove(self, labels: Labels) -> tuple[Labels, NDArray[np.bool_]]:
+    def remove(self, labels: Ints32) -> tuple[Ints32, Bools]:
         """Labels (L, H, W) of segments.zarr without pixels of any track, and (H, W) bool, which pixels these are."""
         moving = np.asarray((self._number[labels] >= 0).any(axis=0))
         # A frame without masks of its own would count for the tracks that stand still, and against all others.
         voting = self._single[labels].any()
         return np.where(moving | ~voting, np.int32(-1), labels), moving
 
-    def draw(self, labels: Labels, over: Labels, first: int) -> Labels:
+    def draw(self, labels: Ints32, over: Ints32, first: int) -> Ints32:
         """Draw the tracks in a frame's (L, H, W) labels, numbered from ``first``, over its (L, H, W) things.
         Where a track of any level is, no thing stays."""
         track = self._number[labels]
@@ -59,7 +59,7 @@ class MovingTracks:
         return np.where(shown.any(axis=0), np.where(shown, track + np.int32(first), -1), over)
 
 
-def standing_tracks(masks: LiftedMasks, time_s: NDArray[np.float64]) -> NDArray[np.int64]:
+def standing_tracks(masks: LiftedMasks, time_s: Array) -> Ints:
     """The sorted tracks of which half of the pairs of masks are so alike that masks of single frames would be
     merged. A track with too few pairs that show the same surfaces is not among them. ``time_s`` (T,) is when
     each frame was taken."""

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
 from scipy import sparse
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Ints32
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render, view_of
 from egosplat.geometry import Camera
@@ -29,10 +29,10 @@ def render_things(
     gaussians: Gaussians,
     beliefs: Sequence[sparse.csr_array],
     camera: Camera,
-    camera_to_world: NDArray[np.float64],
+    camera_to_world: Array,
     settings: RenderSettings,
     size: tuple[int, int],
-) -> NDArray[np.int32]:
+) -> Ints32:
     """(L, H, W) int32 strongest thing of each level at each pixel of label maps of a size (H, W), -1 where
     none is. ``beliefs`` are (N, K) by level, see ``things.beliefs``; the camera is at the working size."""
     _, _, meta = render(
@@ -70,7 +70,7 @@ def _boxes(images: Tensor, size: tuple[int, int]) -> Iterator[tuple[int, Box, Bo
         yield place, (cells[0][place], cells[1][place]), (pixels[0][place], pixels[1][place])
 
 
-def _spans(shown: NDArray[np.bool_], length: int) -> tuple[list[slice], list[slice]]:
+def _spans(shown: Bools, length: int) -> tuple[list[slice], list[slice]]:
     """The cells from the first to the last that is shown, of each of (K, n), and their pixels where n cells are
     ``length`` pixels."""
     # A cell more on each side takes part in the interpolation, and a cell's border is a pixel's at both ends.

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from egosplat.arrays import Bools, Ints, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.instances.geometry import Geometry
-from egosplat.instances.lifted_masks import Labels, lift
+from egosplat.instances.lifted_masks import lift
 from egosplat.instances.moving import MovingTracks
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs, find_things
@@ -32,18 +33,18 @@ class Scene:
     """
 
     geometry: Geometry
-    shown: Callable[[int], NDArray[np.bool_]]
+    shown: Callable[[int], Bools]
     beliefs: list[sparse.csr_array]
     level: NDArray[np.int8]
-    masks: NDArray[np.int32]
-    named: NDArray[np.int64]
+    masks: Ints32
+    named: Ints
     counts: dict[str, dict[str, int]]
 
     def first(self, level: int) -> int:
         """Number of the first thing of a level."""
         return int((self.level < level).sum())
 
-    def label(self, frame: int, labels: Labels) -> Labels:
+    def label(self, frame: int, labels: Ints32) -> Ints32:
         """(L, H, W) int32 thing of each pixel of a frame at each level, -1 for none, from its ``labels`` in segments.zarr."""
         geometry, size = self.geometry, labels.shape[1:]
         view = geometry.views.camera, geometry.camera_to_world[frame], geometry.settings
@@ -53,14 +54,14 @@ class Scene:
         things = keep_outlines(rendered, draw_masks(self.named, frame, labels))
         return np.where(self.shown(frame), things, np.int32(-1))
 
-    def strongest(self) -> Labels:
+    def strongest(self) -> Ints32:
         """(N, L) int32 thing that each Gaussian belongs to most at each level, -1 for none."""
         best = [first_of_largest(held) for held in self.beliefs]
         numbers = [np.where(own >= 0, own + self.first(level), -1) for level, own in enumerate(best)]
         return np.stack(numbers, axis=1).astype(np.int32)
 
 
-def draw_masks(named: NDArray[np.int64], frame: int, labels: Labels) -> Labels:
+def draw_masks(named: Ints, frame: int, labels: Ints32) -> Ints32:
     """(L, H, W) thing that each pixel's mask shows in a frame, -1 for none, from its labels in segments.zarr.
     ``named``: as in ``Scene``."""
     _, instance, thing = named[:, named[0] == frame]
@@ -70,7 +71,7 @@ def draw_masks(named: NDArray[np.int64], frame: int, labels: Labels) -> Labels:
     return table[labels]
 
 
-def keep_outlines(rendered: Labels, drawn: Labels) -> Labels:
+def keep_outlines(rendered: Ints32, drawn: Ints32) -> Ints32:
     """Draw (L, H, W) masks over the rendered things of a frame. Where a thing has a mask, its rendering counts nowhere."""
     # Thing -1 indexes the last entry.
     has_mask = np.zeros(int(max(rendered.max(initial=-1), drawn.max(initial=-1))) + 2, bool)
@@ -79,7 +80,7 @@ def keep_outlines(rendered: Labels, drawn: Labels) -> Labels:
     return np.where(drawn >= 0, drawn, np.where(has_mask[rendered], np.int32(-1), rendered))
 
 
-def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
+def first_of_largest(values: sparse.csr_array) -> Ints:
     """(N,) column of the largest value of each row of (N, K) values, the first of equal ones; -1 if none is above 0."""
     # SciPy's own argmax visits row by row in Python.
     rows = np.repeat(np.arange(len(values.indptr) - 1), np.diff(values.indptr))
@@ -93,7 +94,7 @@ def first_of_largest(values: sparse.csr_array) -> NDArray[np.int64]:
 
 
 def find_scene(
-    geometry: Geometry, segments: Artifact, shown: Callable[[int], NDArray[np.bool_]], tracks: MovingTracks
+    geometry: Geometry, segments: Artifact, shown: Callable[[int], Bools], tracks: MovingTracks
 ) -> Scene:
     """Find the things of all levels. Pixels of ``tracks``, of what moves, neither vote nor count as seen
     (UserError: no view has a mask)."""

@@ -1,14 +1,11 @@
 """Things of one level: runs of masks, merged, without masks and things that contradict the others."""
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from egosplat.arrays import Bools, Ints, Reals
 from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
 from egosplat.instances.merging import merge, rows_of
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.floating]
 
 _FEW_MASKS = 3
 """Things of fewer masks keep them all: two masks that disagree do not tell which of them is wrong."""
@@ -23,7 +20,7 @@ _DROP_IOU = 0.3
 _CLAIMED = 0.5
 
 
-def find_things(masks: LiftedMasks, weight: Floats) -> tuple[Ints, dict[str, int]]:
+def find_things(masks: LiftedMasks, weight: Reals) -> tuple[Ints, dict[str, int]]:
     """(V,) thing that each mask of one level shows, numbered 0 to K - 1, -1 for a mask without a vote; and
     counts. ``weight`` (N,) is that of each Gaussian in an IoU."""
     # Each mask by itself, in the order of frames.
@@ -43,7 +40,7 @@ def find_things(masks: LiftedMasks, weight: Floats) -> tuple[Ints, dict[str, int
     return np.where(thing < 0, -1, np.searchsorted(names, thing)), counts
 
 
-def _outlier_masks(masks: LiftedMasks, thing: Ints) -> NDArray[np.bool_]:
+def _outlier_masks(masks: LiftedMasks, thing: Ints) -> Bools:
     """(V,) masks that overlap their thing too little on what their frame has seen."""
     dropped, votes, frames = np.zeros(len(thing), bool), rows_of(masks.votes), rows_of(masks.seen)
     for mine in masks_of(thing):
@@ -60,7 +57,7 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints) -> NDArray[np.bool_]:
     return dropped
 
 
-def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats) -> list[int]:
+def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Reals) -> list[int]:
     """Things whose Gaussians belong to things of more masks by more than the share ``claimed``: suppression in 3D."""
     taken = np.zeros(len(weight), bool)
     gone = []
@@ -74,7 +71,7 @@ def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Floats) -> list[int
     return gone
 
 
-def _holds(masks: LiftedMasks, chosen: Ints) -> NDArray[np.bool_]:
+def _holds(masks: LiftedMasks, chosen: Ints) -> Bools:
     """(N,) bool, Gaussians that belong to the union of masks."""
     votes = np.asarray(masks.votes[:, chosen].sum(1)).ravel()
     seen = masks.seen[np.unique(masks.frame[chosen])].sum(0)

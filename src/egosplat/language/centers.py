@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Floats, Ints
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
 from egosplat.geometry import Camera, invert, transform
@@ -23,14 +23,14 @@ class Centers:
         weight: (M,) float32 alpha times transmittance of the Gaussian at its pixel; 0 if the pixel ends before it.
     """
 
-    gaussian: NDArray[np.int64]
-    pixel: NDArray[np.int64]
-    depth: NDArray[np.float64]
-    weight: NDArray[np.float32]
+    gaussian: Ints
+    pixel: Ints
+    depth: Array
+    weight: Floats
 
 
 def look_at_centers(
-    gaussians: Gaussians, camera: Camera, camera_to_world: NDArray[np.float64], settings: RenderSettings
+    gaussians: Gaussians, camera: Camera, camera_to_world: Array, settings: RenderSettings
 ) -> Centers:
     """Find what a view shows at the centers of the Gaussians in front of the near plane."""
     local = transform(invert(camera_to_world), gaussians.means.double().cpu().numpy())

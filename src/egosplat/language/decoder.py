@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional as F
 
+from egosplat.arrays import Floats
 from egosplat.artifacts.reader import Artifact
 
 # What may follow a layer, by name; softmax is over channels.
@@ -44,7 +44,7 @@ class Decoder:
     """
 
     widths: tuple[int, ...]
-    values: NDArray[np.float32]
+    values: Floats
     after: tuple[str, ...] = ()
     unit_input: bool = False
     skips: tuple[tuple[int, int], ...] = ()

@@ -2,16 +2,13 @@
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools, Floats, Ints
 from egosplat.language.lifting import labeled_share
 from egosplat.language.method import Coded, Method
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
-
-Ints = NDArray[np.int64]
-Floats = NDArray[np.float32]
 
 _VIEWS_AT_ONCE = 64
 """Views whose votes are held before they are added. Sums are in the order of the views, whatever the number is."""
@@ -36,7 +33,7 @@ def lift_instances(views: CodeViews, targets: CodeTargets, *_: object) -> Coded:
     return Coded(code.to(views.device), share.to(views.device), targets.levels)
 
 
-def dominant(gaussian: Ints, weight: Floats, chosen: NDArray[np.bool_]) -> Ints:
+def dominant(gaussian: Ints, weight: Floats, chosen: Bools) -> Ints:
     """The pair with the largest weight of each Gaussian, among (P,) ``chosen`` ones; the first of equal ones."""
     order = np.flatnonzero(chosen)
     order = order[np.lexsort((-weight[order], gaussian[order]))]

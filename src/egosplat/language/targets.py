@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Floats, Ints
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact
 from egosplat.gaussians.loss import L1Ssim, Objective
@@ -59,11 +59,11 @@ class CodeTargets:
         return other
 
     @property
-    def rows(self) -> NDArray[np.float32]:
+    def rows(self) -> Floats:
         """(R, C) codes of all views of all instances that have a feature."""
         return self._codes[: len(self._instance)][self._named[self._instance]]
 
-    def code_rows(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+    def code_rows(self) -> tuple[Floats, Ints]:
         """Return the (R + I, C) codes of R views, then the consistent ones of I instances, and the instance of each."""
         return self._codes, np.concatenate([self._instance, np.arange(len(self._named))])
 
@@ -79,12 +79,12 @@ class CodeTargets:
         known = torch.stack([usable.index_select(0, level) for level in entries])
         return Targets(codes.unflatten(2, labels.shape[1:]), known.unflatten(1, labels.shape[1:]))
 
-    def at(self, frame: int, pixels: NDArray[np.int64]) -> Targets:
+    def at(self, frame: int, pixels: Ints) -> Targets:
         """Return the targets of (P, 2) pixels of a frame, column and row: codes (L, C, P) and known (L, P)."""
         codes, known = self.of_labels(frame, self.labels(frame)[:, pixels[:, 1], pixels[:, 0]])
         return Targets(codes.movedim(-1, 1), known)
 
-    def rows_at(self, frame: int, pixels: NDArray[np.int64]) -> NDArray[np.int64]:
+    def rows_at(self, frame: int, pixels: Ints) -> Ints:
         """Return the (L, P) row of ``code_rows`` that is the target at the pixels of ``at``, -1 for none. It
         is the view's row, or the instance's where it has no view in the frame."""
         return self._rows_in(frame)[self.labels(frame)[:, pixels[:, 1], pixels[:, 0]].cpu().numpy()]
@@ -106,7 +106,7 @@ class CodeTargets:
         """(L, H, W) bool pixels of a frame with a target."""
         return torch.from_numpy(self._rows_in(frame) >= 0).to(self._device)[self.labels(frame)]
 
-    def _rows_in(self, frame: int) -> NDArray[np.int64]:
+    def _rows_in(self, frame: int) -> Ints:
         """Return the (N + 1,) row of ``code_rows`` of each instance in the frame, -1 for no target; no label is last."""
         # The instance's own row; that of the frame's view replaces it where there is one.
         rows = np.where(self._usable, len(self._instance) + np.arange(len(self._named)), -1)
@@ -115,7 +115,7 @@ class CodeTargets:
         rows[owners] = np.where(self._named[owners], views, -1)
         return np.append(rows, -1)
 
-    def _codes_of(self, rows: NDArray[np.int64]) -> NDArray[np.float32]:
+    def _codes_of(self, rows: Ints) -> Floats:
         """Return the (..., C) codes of (...) rows, 0 for -1."""
         return np.where(rows[..., None] < 0, np.float32(0), self._codes[rows])
 

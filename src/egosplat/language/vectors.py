@@ -1,17 +1,16 @@
 """Normalize feature vectors of any scale."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.floating]
+from egosplat.arrays import Array, Bools, Reals
 
 
-def usable(features: Floats) -> NDArray[np.bool_]:
+def usable(features: Reals) -> Bools:
     """(R,) bool: features of (R, D) with a direction: all numbers finite, not all 0."""
     return np.isfinite(features).all(axis=-1) & (features != 0).any(axis=-1)
 
 
-def unit(features: Floats) -> NDArray[np.float64]:
+def unit(features: Reals) -> Array:
     """Normalize (..., D) features in float64; zero features stay 0."""
     values = features.astype(np.float64)
     # Divided by the largest number first, so that no square overflows or underflows.

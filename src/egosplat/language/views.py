@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools, Floats, Ints
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses
 from egosplat.gaussians.model import Gaussians
@@ -38,7 +38,7 @@ class CodeViews(Views):
         """The centers of the Gaussians in a view, see ``look_at_centers``."""
         return look_at_centers(self.gaussians, self.camera, self.camera_to_world[index], self.settings)
 
-    def weight_at(self, index: int, pixels: NDArray[np.int64]) -> NDArray[np.float32]:
+    def weight_at(self, index: int, pixels: Ints) -> Floats:
         """Return the (P,) weights of (P, 2) pixels, column and row."""
         weight = self.weight(index)
         if weight is None:
@@ -54,7 +54,7 @@ def select_code_views(
     masking: Masking,
     gaussians: Gaussians,
     settings: RenderSettings,
-    kept: NDArray[np.bool_] | None = None,
+    kept: Bools | None = None,
 ) -> CodeViews:
     """All training frames with a pose, of those ``kept`` (F,) bool, with the poses that splats render with; UserError without any."""
     views = read_views(frames, poses, split_views(frames, poses, kept)[0], gaussians.means.device)

@@ -9,13 +9,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
 from sam2.modeling.sam.transformer import Attention, TwoWayTransformer
 from torch import Tensor, nn
 
+from egosplat.arrays import Bytes
 from egosplat.models.sam2_loader import Sam2
 
 # Mean and standard deviation of ImageNet, with which SAM2 was trained.
@@ -42,7 +41,7 @@ class EncodedImage:
         return feature.permute(1, 2, 0).reshape(1, feature.shape[2], *self.sizes[level])
 
 
-def encode(sam2: Sam2, image: NDArray[np.uint8]) -> EncodedImage:
+def encode(sam2: Sam2, image: Bytes) -> EncodedImage:
     """Run the image encoder on a (H, W, 3) uint8 RGB image, resized to the model's square."""
     model = sam2.video_predictor
     values = torch.tensor(image, device=sam2.compute.device).permute(2, 0, 1)[None].float() / 255

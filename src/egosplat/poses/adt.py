@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Ints
 from egosplat.calibration.files import MPS_FOLDER, TRAJECTORIES, find_points
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, known_poses
@@ -32,8 +32,8 @@ MAX_INV_DIST_STD, MAX_DIST_STD_M = 0.001, 0.15
 
 def adt_poses(
     folder: Path,
-    exposure_middle_ns: NDArray[np.int64],
-    device_from_camera: NDArray[np.float64],
+    exposure_middle_ns: Ints,
+    device_from_camera: Array,
     camera: Camera,
     options: PosesOptions,
 ) -> Poses:
@@ -64,7 +64,7 @@ def adt_poses(
     return Poses(camera_to_world, camera, points, colors, trajectory.up, {"scale": "meters"})
 
 
-def read_semidense_points(folder: Path) -> NDArray[np.float64]:
+def read_semidense_points(folder: Path) -> Array:
     """(P, 3) float64 semi-dense points [m] with a small position uncertainty (docs/method.md#point-filter); none
     without a file. UserError if it is damaged."""
     if (path := find_points(folder / MPS_FOLDER)) is None:

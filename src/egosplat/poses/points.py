@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes
 from egosplat.calibration.colmap.database import TooFewError
 from egosplat.calibration.colmap.mapping import MIN_POINTS, reconstruct
 from egosplat.calibration.lens import Lens
@@ -23,7 +23,7 @@ _BOTH = f"{_INVERT}, and {_TURN}"
 _TIMES = 4
 
 # Images, and the pixels that show the scene in all and in each, as of ``mapping.reconstruct``.
-Views = tuple[Iterable[NDArray[np.uint8]], NDArray[np.bool_], Iterable[NDArray[np.bool_]] | None]
+Views = tuple[Iterable[Bytes], Bools, Iterable[Bools] | None]
 
 
 def colmap_camera(camera: Camera, known: bool) -> pycolmap.Camera:
@@ -62,7 +62,7 @@ def add_points(poses: Poses, views: Views, options: PosesOptions, *, opengl: boo
     return replace(poses, points=points, point_rgb=colors, notes=notes)
 
 
-def filter_points(model: pycolmap.Reconstruction) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
+def filter_points(model: pycolmap.Reconstruction) -> tuple[Array, Bytes]:
     """(P, 3) float64 points of long enough tracks and small enough errors, and (P, 3) uint8 RGB."""
     kept = [
         point

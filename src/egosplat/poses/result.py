@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes
 from egosplat.errors import UserError
 from egosplat.geometry import Camera, is_rigid
 
@@ -29,11 +29,11 @@ class Poses:
         notes: statistics, as plain JSON.
     """
 
-    camera_to_world: NDArray[np.float64]
+    camera_to_world: Array
     camera: Camera
-    points: NDArray[np.float64]
-    point_rgb: NDArray[np.uint8]
-    up: NDArray[np.float64]
+    points: Array
+    point_rgb: Bytes
+    up: Array
     notes: dict[str, Any]
 
     def __post_init__(self) -> None:
@@ -43,12 +43,12 @@ class Poses:
             raise ValueError("no frame is registered")
 
     @property
-    def registered(self) -> NDArray[np.bool_]:
+    def registered(self) -> Bools:
         """(F,) bool: frames with a pose."""
         return is_rigid(self.camera_to_world)
 
 
-def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
+def mean_camera_up(camera_to_world: Array) -> Array:
     """(3,) mean of up (-y) of (N, 4, 4) registered poses, a unit vector; UserError without a common direction."""
     mean = -camera_to_world[:, :3, 1].mean(axis=0)
     length = float(np.linalg.norm(mean))
@@ -57,7 +57,7 @@ def mean_camera_up(camera_to_world: NDArray[np.float64]) -> NDArray[np.float64]:
     return mean / length
 
 
-def find_parallax(centers: NDArray[np.float64], points: NDArray[np.float64]) -> float | None:
+def find_parallax(centers: Array, points: Array) -> float | None:
     """Angle under which the median of (P, 3) points sees all (N, 3) cameras [deg]; None without points."""
     if not len(points):
         return None

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Ints
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES, shown_pixels
@@ -56,7 +56,7 @@ def _find_poses(source: str, recording: Path, frames: Artifact, options: PosesOp
     return module.colmap_poses(views, camera, facts["camera_known"], options, frame_keys=keys)
 
 
-def _views(frames: Artifact, chosen: NDArray[np.int64]) -> Views:
+def _views(frames: Artifact, chosen: Ints) -> Views:
     valid = frames.read("valid")
     shown = (shown_pixels(frames, index, valid) for index in chosen) if frames.has("masked") else None
     return (frames.row("rgb", index) for index in chosen), valid, shown

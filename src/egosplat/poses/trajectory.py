@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from egosplat.arrays import Array, Ints
 from egosplat.errors import UserError
 from egosplat.geometry import interpolate_poses, make_pose
 
@@ -37,9 +37,9 @@ class Trajectory:
         up: (3,) float64 unit vector against gravity in the world.
     """
 
-    timestamp_ns: NDArray[np.int64]
-    world_from_device: NDArray[np.float64]
-    up: NDArray[np.float64]
+    timestamp_ns: Ints
+    world_from_device: Array
+    up: Array
 
 
 def read_trajectory(path: Path) -> Trajectory:
@@ -90,9 +90,7 @@ def _read_table(path: Path) -> pd.DataFrame:
     return table
 
 
-def interpolate_trajectory(
-    trajectory: Trajectory, timestamp_ns: NDArray[np.int64], max_gap_ms: float
-) -> NDArray[np.float64]:
+def interpolate_trajectory(trajectory: Trajectory, timestamp_ns: Ints, max_gap_ms: float) -> Array:
     """Interpolate the device's poses at (F,) int64 times: (F, 4, 4) float64. A time outside the trajectory,
     or between rows more than ``max_gap_ms`` apart, gets NaN."""
     times = trajectory.timestamp_ns

@@ -4,11 +4,9 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat.geometry import Array
+from egosplat.arrays import Array, Bools, Floats, Ints
 from egosplat.histories.told import Carried, Place, clock, place_at
-from egosplat.query.maps import Map, Mask
 from egosplat.query.reading import Question
 
 # What is told of a view without a match.
@@ -45,7 +43,7 @@ class Thing:
     center: Array
     size: Array
     frame: int
-    members: NDArray[np.int64] = field(repr=False)
+    members: Ints = field(repr=False)
     share: float = 0.0
     evidence: Evidence | None = field(default=None, repr=False)
     probability: float | None = None
@@ -68,7 +66,7 @@ class Moving:
 
     rating: float | None
     frame: int
-    tracks: NDArray[np.int64] = field(repr=False)
+    tracks: Ints = field(repr=False)
     spans: tuple[tuple[float, float], ...]
 
     @property
@@ -94,9 +92,9 @@ class ViewMatch:
     level: str | None
     pixel: tuple[int, int] | None
     position: Array | None
-    relevancy: Map = field(repr=False)
+    relevancy: Floats = field(repr=False)
     mask_level: str | None
-    mask: Mask = field(repr=False)
+    mask: Bools = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,9 @@ import numpy as np
 import pandas as pd
 from scipy.special import expit
 
+from egosplat.arrays import Array
 from egosplat.errors import UserError
 from egosplat.files import read_user_text, write_text
-from egosplat.geometry import Array
 from egosplat.pipeline.home import OWN_FITS
 from egosplat.query.answers import Evidence
 from egosplat.query.finished_scene import Scene

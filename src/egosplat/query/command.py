@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.arrays import Array
 from egosplat.errors import UserError
-from egosplat.geometry import Array
 from egosplat.histories.told import clock
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import track

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes, Floats, Ints, Ints32
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.integrity import digest_of
 from egosplat.artifacts.lineage import Lineage, lineage, locate, open_histories
@@ -18,7 +18,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact, verify
 from egosplat.artifacts.schemas import SCHEMAS, camera_poses, length_unit, seconds_of
 from egosplat.errors import UserError, read_whole
 from egosplat.gaussians.model import Gaussians
-from egosplat.geometry import Array, Camera, known_poses
+from egosplat.geometry import Camera, known_poses
 from egosplat.histories.known import Histories, Rests
 from egosplat.models.clip import OpenClip
 from egosplat.models.open_clip_loader import load_clip_of
@@ -27,7 +27,7 @@ from egosplat.pipeline.shared_options import ClipOptions
 from egosplat.query import grades
 from egosplat.query.answers import Answer, Moving, Thing, ViewMatch
 from egosplat.query.contest import Contest, leads_of
-from egosplat.query.maps import Mask, innermost
+from egosplat.query.maps import innermost
 from egosplat.query.moving import Tracks
 from egosplat.query.options import MOST, AskingOptions, QueryOptions
 from egosplat.query.reading import Question, read_questions
@@ -54,7 +54,7 @@ class Frames:
     def __len__(self) -> int:
         return self.artifact.shape("rgb")[0]
 
-    def __getitem__(self, frame: int) -> NDArray[np.uint8]:
+    def __getitem__(self, frame: int) -> Bytes:
         if not 0 <= (frame := read_whole("frame", frame)) < len(self):
             raise IndexError(frame)
         return self.artifact.row("rgb", frame)
@@ -124,7 +124,7 @@ class Scene:
         return camera_poses(self.artifact("poses"), self.artifact("splats"))
 
     @cached_property
-    def valid(self) -> Mask:
+    def valid(self) -> Bools:
         """(H, W) bool pixels of the frames that show the scene."""
         return self.artifact("frames").read("valid")
 
@@ -139,7 +139,7 @@ class Scene:
         return self.trained.gaussians
 
     @cached_property
-    def instances(self) -> NDArray[np.int32]:
+    def instances(self) -> Ints32:
         """(L, N) int32 instance of each Gaussian at each level of the codes, -1 for none. Raises as ``instances_of_gaussians``."""
         names = (instances := self.artifact("instances")).facts["levels"]
         # A level without an instance has no codes; codes of all levels in one get the coarsest.
@@ -236,7 +236,7 @@ class Scene:
         return measure_extents(*given)
 
     @cached_property
-    def _posed(self) -> NDArray[np.int64]:
+    def _posed(self) -> Ints:
         """Frames with a pose, at least one."""
         if not len(posed := known_poses(self.poses)):
             path = self.artifact("poses").path
@@ -390,7 +390,7 @@ class Scene:
         pose: Pose | None = None,
         second: float | None = None,
         camera: Camera | None = None,
-    ) -> NDArray[np.float32]:
+    ) -> Floats:
         """(H, W, 3) float32 sRGB in [0, 1] of the view of a frame, or of a pose, as in ``ask``; by the frames' camera or another one."""
         if (view := self.viewpoint(frame, pose, second)) is None:
             raise UserError("render: give a frame or a pose")

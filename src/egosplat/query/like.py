@@ -9,15 +9,14 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from egosplat.arrays import Array, Bytes, Ints
 from egosplat.artifacts.schemas import lies_on_its_side
 from egosplat.errors import UserError
 from egosplat.features.crops import encode_crops
 from egosplat.files import atomic_file, read_json, write_text
 from egosplat.frames.images import read_rgb
-from egosplat.geometry import Array
 from egosplat.histories.told import clock
 from egosplat.images import resize_image
 from egosplat.models.clip import OpenClip
@@ -45,9 +44,6 @@ _AGAIN, _VIEWS_AGAIN = 16, 6
 
 # Smallest side of a picture, and height of those that are drawn [px].
 _LEAST_SIDE, _DRAWN = 12, 256
-
-Pixels = NDArray[np.uint8]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +157,7 @@ class Looks:
         return near
 
 
-def read_picture(path: Path) -> Pixels:
+def read_picture(path: Path) -> Bytes:
     """(H, W, 3) uint8 of a picture of a thing (UserError: it is none, or too small)."""
     picture = read_rgb(path)
     height, width = picture.shape[:2]
@@ -170,14 +166,14 @@ def read_picture(path: Path) -> Pixels:
     return picture
 
 
-def see(clip: OpenClip, picture: Pixels) -> Array:
+def see(clip: OpenClip, picture: Bytes) -> Array:
     """(Q, D) features of an (H, W, 3) picture of a thing, and of what is in its middle."""
     sides = np.array(picture.shape[:2])
     cuts = [((1 - share) / 2 * sides).astype(int) for share in _MIDDLES]
     return _encode(clip, [picture[top : sides[0] - top, left : sides[1] - left] for top, left in cuts])
 
 
-def _encode(clip: OpenClip, crops: Sequence[Pixels]) -> Array:
+def _encode(clip: OpenClip, crops: Sequence[Bytes]) -> Array:
     return np.nan_to_num(encode_crops(clip, crops)).astype(np.float64)
 
 
@@ -230,7 +226,7 @@ def run(
 
 
 def ask_looks(
-    scene: Scene, shown: Mapping[str, Pixels], names: Mapping[str, Any], most: int
+    scene: Scene, shown: Mapping[str, Bytes], names: Mapping[str, Any], most: int
 ) -> Iterator[tuple[Answer, list[Alike]]]:
     """Answer what pictures show and what names mean; with the things compared, the most alike first. Raises as ``run``."""
     looks = Looks(scene)
@@ -257,7 +253,7 @@ def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:
     return rows
 
 
-def _draw(answers: Sequence[tuple[Pixels | None, Scene, Sequence[Alike]]]) -> Pixels:
+def _draw(answers: Sequence[tuple[Bytes | None, Scene, Sequence[Alike]]]) -> Bytes:
     """A row for each answer: the picture, then the frame most like it of each thing, with its box."""
     rows = []
     for picture, scene, things in answers:

@@ -4,15 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Ints
 from egosplat.artifacts.reader import Artifact
-from egosplat.geometry import Array, Camera
+from egosplat.geometry import Camera
 from egosplat.language.vectors import unit
 from egosplat.query.answers import Moving
 from egosplat.query.grades import FOUND, LEAST_FIT, Evidence, Grading, fits_as_well, log_odds
-from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import STAYING, WORDS, Texts, nearest_word, other_meanings
@@ -37,16 +36,16 @@ class Tracks:
         track, frame, share: (V,) of each view the row of its track, its frame, and the share of the frame that it fills.
     """
 
-    number: NDArray[np.int64]
+    number: Ints
     feature: Tensor
-    worn: NDArray[np.bool_]
-    track: NDArray[np.int64]
-    frame: NDArray[np.int64]
+    worn: Bools
+    track: Ints
+    frame: Ints
     share: Array
 
     @staticmethod
     def read(
-        masks: Artifact, views: Artifact, features: Artifact, camera: Camera, poses: Array, valid: Mask
+        masks: Artifact, views: Artifact, features: Artifact, camera: Camera, poses: Array, valid: Bools
     ) -> "Tracks":
         """Read the masked tracks but those that stand still, by the (F, 4, 4) poses of the frames, NaN without one, and the (H, W)
         pixels that the camera shows; ``views`` are view_features.zarr."""
@@ -95,7 +94,7 @@ class Tracks:
         certain = rating >= _LEAST_RATING and grading.grade(rating) == FOUND
         return self._moving(chosen, rating, seconds) if certain else None
 
-    def _moving(self, chosen: NDArray[np.bool_], rating: float | None, seconds: Array) -> Moving:
+    def _moving(self, chosen: Bools, rating: float | None, seconds: Array) -> Moving:
         shown = chosen[self.track]
         frame, times = self.frame[shown], seconds[np.unique(self.frame[shown])]
         # The largest mask may have slipped to what is behind.
@@ -105,7 +104,7 @@ class Tracks:
         return Moving(rating, int(frame[large]), self.number[chosen], spans)
 
 
-def _variance(directions: Array, track: NDArray[np.int64]) -> Array:
+def _variance(directions: Array, track: Ints) -> Array:
     """(T,) variance of (V, 3) directions of each track, 0 to 1."""
     total = np.stack([np.bincount(track, axis) for axis in directions.T], axis=1)
     return 1.0 - np.linalg.norm(total, axis=1) / np.bincount(track)

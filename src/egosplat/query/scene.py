@@ -6,21 +6,20 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Floats, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
 from egosplat.files import read_json
 from egosplat.gaussians.io import read_trained_scene
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import TrainedScene
-from egosplat.geometry import Array, Camera, is_rigid
+from egosplat.geometry import Camera, is_rigid
 from egosplat.histories.known import Rests
 from egosplat.histories.told import read_second
 from egosplat.language.decoder import Decoder, read_decoder
-from egosplat.query.maps import Mask
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import Kept, relevancy_maps
 from egosplat.query.sizes import Sizes
@@ -95,7 +94,7 @@ def rendering_camera(camera: Camera, resolution: int) -> Camera:
     return camera.scaled_to(width, height)
 
 
-def instances_of_gaussians(instances: Artifact, means: NDArray[np.float32]) -> NDArray[np.int32]:
+def instances_of_gaussians(instances: Artifact, means: Floats) -> Ints32:
     """(L, N) int32 instance at each level, -1 for none, of the Gaussian on which masks were merged nearest to each of (N, 3) centers,
     N > 0 (UserError: instances are tracks, which have no place in 3D)."""
     xyz, owner = instances.read("gaussians/xyz"), instances.read("gaussians/instance")
@@ -113,7 +112,7 @@ class Viewpoint:
 
     name: str
     camera_to_world: Array
-    valid: Mask | None
+    valid: Bools | None
     second: float | None = None
 
     @staticmethod

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from egosplat.geometry import Array
+from egosplat.arrays import Array
 
 # What things measure, by general knowledge: a row for each kind of a word.
 TABLE = Path(__file__).with_name("sizes.csv")

@@ -7,19 +7,19 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Floats, Ints, Ints32
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, view_of
-from egosplat.geometry import Array, Camera, ground_axes, known_poses
+from egosplat.geometry import Camera, ground_axes, known_poses
 from egosplat.images import evenly_spaced
 from egosplat.progress import track
 from egosplat.query.answers import Thing
-from egosplat.query.maps import Mask, resize_shown
+from egosplat.query.maps import resize_shown
 from egosplat.query.options import QueryOptions
 from egosplat.query.scene import QueryScene, rendering_camera
 from egosplat.query.text import Texts
@@ -47,8 +47,6 @@ _INSIDE, _FLOOR = (0.04, 0.96), 0.01
 # Two things are duplicates if they share more than this part of the smaller one's visible share.
 SAME = 0.25
 
-Floats = NDArray[np.float32]
-
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -66,9 +64,9 @@ class Surface:
     touching: csr_array
     shares: Floats
     weight: Floats
-    frame: NDArray[np.int64]
+    frame: Ints
     levels: Sequence[str]
-    instance: NDArray[np.int32] | None = None
+    instance: Ints32 | None = None
 
     @cached_property
     def averaging(self) -> tuple[csr_array, ...]:
@@ -82,11 +80,11 @@ class Surface:
             found.append(csr_array((values, touching.indices, touching.indptr), shape=touching.shape))
         return tuple(found)
 
-    def visible(self, rows: NDArray[np.int64]) -> float:
+    def visible(self, rows: Ints) -> float:
         """Visible share of some Gaussians, at the level at which each has most."""
         return self.weight[rows].max(axis=1).sum()
 
-    def instance_of(self, rows: NDArray[np.int64]) -> int:
+    def instance_of(self, rows: Ints) -> int:
         """The instance that has more than half of the visible share of some Gaussians; -1 for none."""
         if self.instance is None:
             return -1
@@ -95,7 +93,7 @@ class Surface:
         return int(shares.argmax()) - 1 if shares.max() > 0.5 * weight.sum() else -1
 
 
-def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Mask | None) -> Surface:
+def read_surface(scene: QueryScene, camera_to_world: Array, camera: Camera, valid: Bools | None) -> Surface:
     """Measure which Gaussians the frames of a recording show, by (F, 4, 4) float64 poses, NaN without one, and find their neighbors;
     at least one frame has a pose. ``valid`` (H, W) bool pixels show the scene, or all for None."""
     registered, gaussians = known_poses(camera_to_world), scene.gaussians
@@ -121,7 +119,11 @@ def ask_scene(
 
 
 def visible_shares(
-    gaussians: Gaussians, camera: Camera, poses: Iterable[Array], valid: Mask | None, settings: RenderSettings
+    gaussians: Gaussians,
+    camera: Camera,
+    poses: Iterable[Array],
+    valid: Bools | None,
+    settings: RenderSettings,
 ) -> Tensor:
     """(V, N) float32 share of each view, of V poses, that every Gaussian fills, with occlusion, on its device; rows sum to
     about 1 at most.
@@ -156,7 +158,7 @@ def find_neighbors(means: Array, radii: Array) -> csr_array:
     return csr_array((ones, (order[row], nearest[row, column].astype(np.int32))), shape=(size, size))
 
 
-def measure_extents(xyz: Array, instance: NDArray[np.int32], touching: csr_array, up: Array) -> Array:
+def measure_extents(xyz: Array, instance: Ints32, touching: csr_array, up: Array) -> Array:
     """(I, 5) float64 extents of instances, in the unit of (N, 3) centers: height, longer and shorter side of the footprint, and
     heights of foot and top above the floor; NaN where too few Gaussians show them.
 
@@ -203,7 +205,7 @@ def find_things(
     return kept
 
 
-def _components(surface: Surface, values: Floats, level: int, threshold: float) -> list[NDArray[np.int64]]:
+def _components(surface: Surface, values: Floats, level: int, threshold: float) -> list[Ints]:
     """Members of each connected component above the threshold at a level; specks are left out."""
     seen = surface.weight[:, level] > 0
     if not seen.any():
@@ -219,7 +221,7 @@ def _components(surface: Surface, values: Floats, level: int, threshold: float) 
 
 
 def _score(
-    surface: Surface, values: Floats, members: NDArray[np.int64], level: int, box_side: float
+    surface: Surface, values: Floats, members: Ints, level: int, box_side: float
 ) -> tuple[float, float, int]:
     """Score of a thing, and the largest share of a view that it fills, with this view, the first of equal ones."""
     weight = surface.weight[members, level].astype(np.float64)
@@ -231,9 +233,7 @@ def _score(
     return score, float(shown[view]), view
 
 
-def _thing(
-    surface: Surface, score: float, share: float, view: int, level: int, members: NDArray[np.int64]
-) -> Thing:
+def _thing(surface: Surface, score: float, share: float, view: int, level: int, members: Ints) -> Thing:
     weight, means = surface.weight[members, level].astype(np.float64), surface.means[members]
     low, high = extent_of(means, weight)
     center, frame = weight @ means / weight.sum(), int(surface.frame[view])

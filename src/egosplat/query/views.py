@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Array, Bools, Floats
 from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import render
 from egosplat.gaussians.render import view_of as gaussians_in
-from egosplat.geometry import Array, Camera, transform
+from egosplat.geometry import Camera, transform
 from egosplat.histories.known import Rests
 from egosplat.language.decoder import Decoder
 from egosplat.query.answers import Thing, ViewMatch
-from egosplat.query.maps import Maps, Mask, innermost, localize, majority, read_maps, resize_shown, segment
+from egosplat.query.maps import Maps, innermost, localize, majority, read_maps, resize_shown, segment
 from egosplat.query.options import QueryOptions
 from egosplat.query.relevancy import relevancy, relevancy_maps
 from egosplat.query.scene import QueryScene, Viewpoint, rendering_camera
@@ -46,7 +46,7 @@ class View:
     depth: Tensor
     camera: Camera
     camera_to_world: Array
-    valid: Mask
+    valid: Bools
     levels: Sequence[str]
 
     @property
@@ -149,9 +149,7 @@ def answer_from_relevancies(
 
 
 @torch.inference_mode()
-def _filled(
-    scene: QueryScene, view: View, levels: Sequence[int], thresholds: Sequence[float]
-) -> NDArray[np.float32]:
+def _filled(scene: QueryScene, view: View, levels: Sequence[int], thresholds: Sequence[float]) -> Floats:
     """(Q, h, w) share of what covers each pixel, at the level of each query, whose relevancy is above its threshold."""
     threshold = torch.tensor(thresholds).to(scene.code)
     own = torch.stack([scene.code[:, level, query] for query, level in enumerate(levels)], dim=1)
@@ -161,7 +159,7 @@ def _filled(
     return (image.movedim(-1, 0) / view.coverage[list(levels)].clamp(min=1e-6)).cpu().numpy()
 
 
-def _filled_mask(filled: NDArray[np.float32], shown: Mask) -> Mask:
+def _filled_mask(filled: Floats, shown: Bools) -> Bools:
     """(H, W) pixels among the ``shown`` of which a thing makes up more than half, from its (h, w) share of each."""
     return (cv2.resize(filled, shown.shape[::-1]) > _HALF) & shown
 
@@ -203,7 +201,7 @@ def show_thing(
 
 
 def pixel_position(
-    camera: Camera, camera_to_world: Array, pixel: tuple[int, int], depth: NDArray[np.float32]
+    camera: Camera, camera_to_world: Array, pixel: tuple[int, int], depth: Floats
 ) -> Array | None:
     """The world position shown at the center of a pixel (column and row), (3,) float64 [m]; None without depth, which is (h, w)
     float32 expected camera z [m] of the same view at any resolution, 0 or not finite for none."""

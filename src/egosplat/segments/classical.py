@@ -6,18 +6,13 @@ import heapq
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes, Floats, Ints, Ints32, Reals
 from egosplat.images import resize_labels, shrunk_size
 from egosplat.optical_flow import find_flow, is_consistent, pixel_grid, sample
 from egosplat.progress import track as progress
 from egosplat.segments.options import LEVELS
-from egosplat.segments.video import LabelMaps, Labels, Segmented, Track, Video
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Flow = NDArray[np.float32]
-Gray = NDArray[np.uint8]
+from egosplat.segments.video import LabelMaps, Segmented, Track, Video
 
 # Longest side at which images are segmented [px]; larger ones are reduced. Lengths below are at this side.
 _SIDE = 384
@@ -57,7 +52,7 @@ class WorkingImage:
     Pixels are ``valid`` (h, w) at least in part, and ``shown`` (H, W) in the original image; ``unit`` is the
     number of working pixels per pixel at the nominal side, at most 1."""
 
-    def __init__(self, image: NDArray[np.uint8], shown: Bools) -> None:
+    def __init__(self, image: Bytes, shown: Bools) -> None:
         """Reduce an (H, W, 3) uint8 RGB image to the working size; pixels outside of (H, W) ``shown`` have no influence."""
         height, width = shown.shape
         size = shrunk_size(width, height, _SIDE)
@@ -100,9 +95,7 @@ def segment_video(video: Video) -> Segmented:
     return Segmented(labels, instances, [], [])
 
 
-def propagate(
-    labels: Labels, rows: NDArray[np.int64], columns: NDArray[np.int64], known: Bools, regions: Labels
-) -> Labels:
+def propagate(labels: Ints32, rows: Ints, columns: Ints, known: Bools, regions: Ints32) -> Ints32:
     """Propagate (H, W) int32 labels, -1 for none, to the next frame: a fine region takes the label of most of
     its pixels. A pixel that was hidden, out of view or without a label has no vote. ``rows``, ``columns``,
     ``known``: from ``find_origins``."""
@@ -124,7 +117,7 @@ def propagate(
     return np.where(won[inside] & (regions >= 0), winner[inside], brought)
 
 
-def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float) -> Labels:
+def open_tracks(labels: Ints32, regions: Ints32, first: int, least_pixels: float) -> Ints32:
     """Start tracks, numbered from ``first``, for (H, W) regions of which no track covers ``least_pixels`` or more pixels."""
     uncovered = (labels < 0) & (regions >= 0)
     count = int(regions.max(initial=-1)) + 1
@@ -134,9 +127,7 @@ def open_tracks(labels: Labels, regions: Labels, first: int, least_pixels: float
     return np.where(uncovered, numbers[regions], labels)
 
 
-def find_origins(
-    previous: WorkingImage, current: WorkingImage
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Bools]:
+def find_origins(previous: WorkingImage, current: WorkingImage) -> tuple[Ints, Ints, Bools]:
     """(H, W) int64 row and column of each pixel in the previous image, and (H, W) bool: whether that is
     known. By dense inverse search (Kroeger et al. 2016), with a forward-backward check, among pixels that
     show the scene."""
@@ -163,7 +154,7 @@ def find_origins(
     return rows, columns, agrees & within & current.shown & previous.shown[rows, columns]
 
 
-def _flow(source: Gray, target: Gray, motion: NDArray[np.floating]) -> Flow:
+def _flow(source: Bytes, target: Bytes, motion: Reals) -> Floats:
     """(h, w, 2) float32 displacement (x, y) of each pixel of ``source`` in ``target`` [px]."""
     # Remove the camera's motion, a homography, first: a turning head moves pixels further than the search
     # finds among repeating textures.
@@ -173,7 +164,7 @@ def _flow(source: Gray, target: Gray, motion: NDArray[np.floating]) -> Flow:
     return np.asarray(ends, np.float32) - start
 
 
-def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
+def _camera_motion(source: Bytes, target: Bytes) -> Array:
     """(3, 3) homography from pixels (x, y) of one (h, w) image to another; the identity if none is found."""
     if min(source.shape) < _LEAST_SIDE:
         return np.eye(3)
@@ -200,7 +191,7 @@ def _camera_motion(source: Gray, target: Gray) -> NDArray[np.float64]:
     return np.asarray(found, np.float64) if ahead and near and in_order else np.eye(3)
 
 
-def partition(image: WorkingImage) -> Labels:
+def partition(image: WorkingImage) -> Ints32:
     """Divide an image into nested regions; those of a level are unions of regions of the next finer one. The
     two most similar neighbors are merged repeatedly (binary partition tree, Salembier and Garrido 2000). The
     difference of two regions is the earth mover's distance of their colors and textures plus the gradient
@@ -219,7 +210,7 @@ def partition(image: WorkingImage) -> Labels:
     return np.where(image.shown, resize_labels(numbered[:, superpixels], width, height), np.int32(-1))
 
 
-def _superpixels(image: WorkingImage) -> Labels:
+def _superpixels(image: WorkingImage) -> Ints32:
     """(h, w) int32 superpixel of each valid pixel (Felzenszwalb and Huttenlocher 2004), -1 elsewhere."""
     # Sizes are shares of the valid area, so that results do not depend on the image's size.
     pixels = image.valid.sum()
@@ -233,7 +224,7 @@ def _superpixels(image: WorkingImage) -> Labels:
     return labels
 
 
-def _profiles(image: WorkingImage, labels: Labels, count: int) -> Floats:
+def _profiles(image: WorkingImage, labels: Ints32, count: int) -> Array:
     """(count, 4, B) cumulative histograms of lightness, a, b and texture, summed over the pixels of each label."""
     # Scaled, so that the absolute differences of two, each divided by its area, sum to the weighted earth mover's distance.
     lab, unit = image.lab, image.unit
@@ -261,7 +252,7 @@ Neighbors = list[dict[int, tuple[float, float]]]
 """By region, its neighbors: length of the common boundary [px], and the gradient summed along it [CIELAB/px x px]."""
 
 
-def _neighbors(image: WorkingImage, labels: Labels, count: int) -> Neighbors:
+def _neighbors(image: WorkingImage, labels: Ints32, count: int) -> Neighbors:
     smooth = cv2.GaussianBlur(image.lab, (0, 0), _EDGE_SCALE * image.unit)
     along = [cv2.Sobel(smooth, cv2.CV_32F, *axis, scale=1 / 8) for axis in ((1, 0), (0, 1))]
     gradient = np.sqrt(np.square(along[0]).sum(axis=2) + np.square(along[1]).sum(axis=2))
@@ -284,7 +275,7 @@ def _neighbors(image: WorkingImage, labels: Labels, count: int) -> Neighbors:
 class _Merging:
     """A partition that becomes coarser; a region has the number of one of its superpixels."""
 
-    def __init__(self, image: WorkingImage, labels: Labels) -> None:
+    def __init__(self, image: WorkingImage, labels: Ints32) -> None:
         """Start from superpixels, without those that are too small or too thin."""
         count = int(labels.max()) + 1
         self.region = np.arange(count)
@@ -338,7 +329,7 @@ class _Merging:
             versions = self._version[number], self._version[other]
             heapq.heappush(self._queue, (difference, number, other, *versions))
 
-    def _differences(self, number: int, others: list[int]) -> Floats:
+    def _differences(self, number: int, others: list[int]) -> Array:
         """(K,) difference of a region to each of K neighbors [CIELAB]."""
         apart = np.abs(self._mean[others] - self._mean[number]).sum(axis=2)
         boundary = np.array([self._neighbors[number][other] for other in others])

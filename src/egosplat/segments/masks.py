@@ -3,12 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Bools, Ints32
 from egosplat.models.without_compiler import without_compiler
 from egosplat.segments.options import MaskFilter
 
@@ -123,7 +122,7 @@ def drop_covered(found: Candidates, others: Tensor, cover_thresh: float, iou_thr
     return found.take((covered <= cover_thresh) & ~repeats)
 
 
-def paint(ids: Sequence[int], logits: Tensor, shown: NDArray[np.bool_]) -> NDArray[np.int32]:
+def paint(ids: Sequence[int], logits: Tensor, shown: Bools) -> Ints32:
     """(H, W) int32 object of the highest of (K, M, M) logits above 0; -1 for none, and where not (H, W) ``shown``."""
     device = logits.device
     best = torch.zeros(shown.shape, device=device)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.arrays import Floats, Reals
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.models.sam2_loader import Sam2
 from egosplat.moving_regions import InstanceScores
@@ -21,7 +22,7 @@ def track_moving(
     sam2: Sam2,
     video: Video,
     options: SegmentsOptions,
-    probability: Callable[[int], NDArray[np.floating]],
+    probability: Callable[[int], Reals],
     training: NDArray[np.intp],
     checkpoint: Checkpoint | None = None,
 ) -> Segmented:
@@ -32,7 +33,7 @@ def track_moving(
     frames are prompted. ``probability``: returns the (H, W) probability in 0..1 that a
     frame's pixels move."""
 
-    def moves(frame: int) -> NDArray[np.float32]:
+    def moves(frame: int) -> Floats:
         return np.where(video.shown(frame), probability(frame).astype(np.float32), np.float32(0))
 
     prompted = options.key_frames(training).tolist()

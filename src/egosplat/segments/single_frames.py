@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Bools, Bytes
 from egosplat.artifacts.checkpoint import State
 from egosplat.models.point_decoder import encode
 from egosplat.models.sam2_loader import Sam2
@@ -84,8 +84,8 @@ def crops_of(height: int, width: int, per_side: int) -> list[Crop]:
 
 def prompt_with_crops(
     sam2: Sam2,
-    image: NDArray[np.uint8],
-    shown: NDArray[np.bool_],
+    image: Bytes,
+    shown: Bools,
     found: list[Candidates],
     options: SegmentsOptions,
 ) -> list[Candidates]:
@@ -114,7 +114,7 @@ def prompt_with_crops(
     return merged
 
 
-def _may_be_small(subparts: Candidates, shown: NDArray[np.bool_], options: SegmentsOptions) -> Tensor:
+def _may_be_small(subparts: Candidates, shown: Bools, options: SegmentsOptions) -> Tensor:
     """(H, W) bool pixels that show the scene, and do not lie clearly inside a large one of the frame's subparts."""
     large = subparts.take(areas(subparts.masks) > _LARGE_CELLS)
     # A small thing lowers the logits around it, too.

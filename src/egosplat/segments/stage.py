@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from egosplat.arrays import Ints, Ints32
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint, Work, lie_within
 from egosplat.artifacts.consistency import check_made_from, kept_frames
@@ -19,7 +20,7 @@ from egosplat.models.checkpoints import SAM2, model_hash
 from egosplat.progress import log, track
 from egosplat.segments.classical import segment_video
 from egosplat.segments.options import LEVELS, SegmentsOptions
-from egosplat.segments.video import Labels, Segmented, Video, finalize_instances
+from egosplat.segments.video import Segmented, Video, finalize_instances
 
 
 def run(
@@ -138,7 +139,7 @@ def _segment_with_sam2(
 def _put_labels(
     artifact: Writer,
     segmented: Segmented,
-    table: Labels,
+    table: Ints32,
     video: Video,
     rows: NDArray[np.intp],
     count: int,
@@ -171,7 +172,7 @@ def _put_labels(
 
 
 def _put_instances(
-    artifact: Writer, segmented: Segmented, kept: NDArray[np.int64], rows: NDArray[np.intp]
+    artifact: Writer, segmented: Segmented, kept: Ints, rows: NDArray[np.intp]
 ) -> dict[str, Any]:
     """Write the instances that are kept; returns facts of their number."""
     chosen = [segmented.instances[number] for number in kept]

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import torch
 import torch.nn.functional as F
-from numpy.typing import NDArray
 from torch import Tensor
 
+from egosplat.arrays import Floats, Ints32
 from egosplat.artifacts.checkpoint import Checkpoint, State, UnusableState
 from egosplat.images import resize_labels
 from egosplat.models.point_decoder import encode
@@ -20,7 +20,7 @@ from egosplat.segments.masks import Candidates, areas, drop_covered, filter_mask
 from egosplat.segments.options import LEVELS, SegmentsOptions
 from egosplat.segments.prompts import grid_points, lie_in, prompt
 from egosplat.segments.propagation import Group, Propagator
-from egosplat.segments.video import LabelMaps, Labels, LevelMasks, Overlaps, Segmented, Track, Video
+from egosplat.segments.video import LabelMaps, LevelMasks, Overlaps, Segmented, Track, Video
 
 # A new mask is dropped if tracked instances cover a larger fraction of it.
 _MAX_COVERED_NEW = 0.5
@@ -45,7 +45,7 @@ class Tracker:
         sam2: Sam2,
         video: Video,
         options: SegmentsOptions,
-        moves: Callable[[int], NDArray[np.float32]] | None = None,
+        moves: Callable[[int], Floats] | None = None,
         prompted: Iterable[int] = (0,),
     ) -> None:
         """Set up, without reading a frame's image. ``moves``: returns the (H, W) probability that a frame's
@@ -110,7 +110,7 @@ class Tracker:
         for overlaps, saved in zip(self._overlaps, state["overlaps"], strict=True):
             overlaps.pairs, overlaps.sums = (part.numpy() for part in saved)
 
-    def _shrunk(self, values: NDArray[np.float32]) -> Tensor:
+    def _shrunk(self, values: Floats) -> Tensor:
         """(M, M) means of (H, W) values, at the size of the model's masks."""
         large = torch.from_numpy(values)[None, None].to(self._sam2.compute.device)
         return F.interpolate(large, (self._side, self._side), mode="area")[0, 0]
@@ -215,7 +215,7 @@ class Tracker:
             groups.append(self._propagator.begin(frame, numbers[batch], new.logits[batch]))
         return ids + numbers, torch.cat([logits, new.logits])
 
-    def _as_masks(self, labels: Labels) -> LevelMasks:
+    def _as_masks(self, labels: Ints32) -> LevelMasks:
         """The instances of a label map as masks at the size of the model's masks."""
         # Labels cannot be averaged: the pixel in the middle of each cell stands for it.
         small = torch.from_numpy(resize_labels(labels, self._side, self._side))

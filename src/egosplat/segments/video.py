@@ -7,15 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from torch import Tensor
 
+from egosplat.arrays import Bools, Bytes, Ints, Ints32
 from egosplat.artifacts.checkpoint import read_state, write_state
 from egosplat.segments.masks import areas, intersections
-
-Labels = NDArray[np.int32]
 
 # Instances that share fewer frames are not merged: in a single frame, two objects can overlap by chance.
 MIN_COMMON_FRAMES = 2
@@ -33,8 +31,8 @@ class Video:
     """``length`` frames to segment: ``image`` gives the (H, W, 3) uint8 RGB of one, ``shown`` its (H, W) bool pixels of the scene."""
 
     length: int
-    image: Callable[[int], NDArray[np.uint8]]
-    shown: Callable[[int], NDArray[np.bool_]]
+    image: Callable[[int], Bytes]
+    shown: Callable[[int], Bools]
 
 
 @dataclass(frozen=True)
@@ -54,13 +52,13 @@ class Track:
     moving: bool = False
 
 
-def pack(labels: Labels) -> Tensor:
+def pack(labels: Ints32) -> Tensor:
     """Compress int32 label maps to a uint8 tensor."""
     # They have long runs of one value: level 1, the fastest, already reduces them to about 1 %.
     return torch.frombuffer(bytearray(zlib.compress(labels.astype(np.int32).tobytes(), 1)), dtype=torch.uint8)
 
 
-def unpack(packed: Tensor, shape: tuple[int, ...]) -> Labels:
+def unpack(packed: Tensor, shape: tuple[int, ...]) -> Ints32:
     """Get back label maps of a shape."""
     return np.frombuffer(zlib.decompress(packed.numpy().tobytes()), np.int32).reshape(shape).copy()
 
@@ -78,11 +76,11 @@ class LabelMaps:
     def __len__(self) -> int:
         return self._shape[0]
 
-    def __setitem__(self, frame: int, labels: Labels) -> None:
+    def __setitem__(self, frame: int, labels: Ints32) -> None:
         self._frames[frame] = pack(labels)
         self._changed.add(frame)
 
-    def __getitem__(self, frame: int) -> Labels:
+    def __getitem__(self, frame: int) -> Ints32:
         packed = self._frames.get(frame)
         return np.full(self._shape[1:], -1, np.int32) if packed is None else unpack(packed, self._shape[1:])
 
@@ -113,7 +111,7 @@ class Segmented:
     prompted: list[int]
 
 
-def finalize_instances(segmented: Segmented, min_frames: int) -> tuple[Labels, NDArray[np.int64], int]:
+def finalize_instances(segmented: Segmented, min_frames: int) -> tuple[Ints32, Ints, int]:
     """Merge instances that are the same object, and drop those seen in fewer than ``min_frames`` frames.
     (count + 1,) int32 new number of each instance, -1 if it is dropped, and -1 last, so that indexing with -1
     gives -1; the (N,) old numbers of the kept instances, in their new order; the number of those merged into

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from egosplat.arrays import Array, Bools
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import TRAINED
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
-from egosplat.gaussians.training_views import Mask
-from egosplat.geometry import Array, ground_axes, lie_within
+from egosplat.geometry import ground_axes, lie_within
 from egosplat.pipeline.survey_file import digest_of
 from egosplat.pipeline.validation import read_document
 
@@ -26,9 +26,9 @@ class Cell:
     limits: Array
     axes: Array
     margin: Array
-    frames: Mask
+    frames: Bools
 
-    def holds(self, points: Array, wider: bool = False) -> Mask:
+    def holds(self, points: Array, wider: bool = False) -> Bools:
         """(P,) bool: which of (P, 3) points lie in the cell, or in the ``wider`` part. Each finite point lies in one cell."""
         margin = self.margin * wider
         return lie_within(points @ self.axes.T, self.limits + np.stack([-margin, margin]))

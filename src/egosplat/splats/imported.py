@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
 from egosplat.errors import UserError
@@ -16,12 +15,10 @@ from egosplat.gaussians.model import Gaussians
 from egosplat.gaussians.render import RenderSettings, render
 from egosplat.gaussians.similarity import moved, split_similarity
 from egosplat.gaussians.training_views import Views, read_views
-from egosplat.geometry import compose
+from egosplat.geometry import Array, compose
 from egosplat.images import evenly_spaced
 from egosplat.progress import log
 from egosplat.splats.source_reader import read_source
-
-Matrix = NDArray[np.float64]
 
 # Pictures that are compared, and their longer side [px].
 _VIEWS, _SIDE = 8, 256
@@ -120,7 +117,7 @@ def _compare(
     return psnr, plain, float(covered.float().mean())
 
 
-def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str, Matrix]]:
+def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str, Array]]:
     """The worlds that programs train in, the likely first: names, and (4, 4) similarities to the world of ``poses``.
 
     UserError if nerfstudio's file among ``transforms`` is damaged.
@@ -145,7 +142,7 @@ def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str,
         yield f"the recording's turned to {name}", compose(unit, quarter)
 
 
-def _nerfstudio(path: Path, applied: Matrix, applied_scale: float) -> Matrix:
+def _nerfstudio(path: Path, applied: Array, applied_scale: float) -> Array:
     """(4, 4) similarity from the world of the recording to that in which nerfstudio trains."""
     try:
         document = read_json(path)
@@ -160,5 +157,5 @@ def _nerfstudio(path: Path, applied: Matrix, applied_scale: float) -> Matrix:
     return whole
 
 
-def _square(rows: Any) -> Matrix:
+def _square(rows: Any) -> Array:
     return np.vstack([np.array(rows, dtype=np.float64).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])

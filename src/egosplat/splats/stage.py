@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from egosplat.arrays import Bools
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from, kept_frames
@@ -37,7 +38,7 @@ from egosplat.gaussians.loss import L1Ssim, Objective
 from egosplat.gaussians.render import TrainedScene
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import Curves, TrainingState, begin, resume_and_train
-from egosplat.gaussians.training_views import Mask, Masking, Views, open_masking, read_views, split_views
+from egosplat.gaussians.training_views import Masking, Views, open_masking, read_views, split_views
 from egosplat.language.targets import CodeTargets, JointLanguage
 from egosplat.models.checkpoints import joint_hash
 from egosplat.progress import log
@@ -139,7 +140,7 @@ def _import(
 
 
 def _view_sets(
-    frames: Artifact, poses: Artifact, chosen: Sequence[Mask], masking: Masking, options: TrainingOptions
+    frames: Artifact, poses: Artifact, chosen: Sequence[Bools], masking: Masking, options: TrainingOptions
 ) -> tuple[Views, Views]:
     """Read the training views and those held out."""
     device = training_device(options.render.backend)

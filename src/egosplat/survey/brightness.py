@@ -4,12 +4,8 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat.geometry import Array
-
-Gray = NDArray[np.uint8]
-Bools = NDArray[np.bool_]
+from egosplat.arrays import Array, Bools, Bytes, Ints
 
 # Darker values are noise, lighter ones may be saturated [gray levels].
 _DARKEST, _LIGHTEST = 16, 245
@@ -33,7 +29,7 @@ Light = tuple[Array, Array]
 fourth power of their radius in the image."""
 
 
-def equalize(image: Gray, wanted: Gray, found: Gray) -> Gray:
+def equalize(image: Bytes, wanted: Bytes, found: Bytes) -> Bytes:
     """Change an (h, w) uint8 image by a gain and an offset, so that the (N,) values ``found`` in it become those ``wanted``."""
     if len(found) < _MIN_PIXELS:
         return image
@@ -44,7 +40,7 @@ def equalize(image: Gray, wanted: Gray, found: Gray) -> Gray:
     return table[image]
 
 
-def compare_light(first: Gray, second: Gray, measured: Bools, radii: Sequence[Array]) -> Light | None:
+def compare_light(first: Bytes, second: Bytes, measured: Bools, radii: Sequence[Array]) -> Light | None:
     """Compare the light of the same surfaces in two aligned (h, w) uint8 images, at (h, w) bool pixels.
 
     ``radii``: two (h, w) distances of each surface from the center of its own image, as a fraction of half the longest side.
@@ -85,7 +81,7 @@ def exposure_changes(lights: Sequence[Light | None]) -> Array:
     )
 
 
-def exposure_curve(pairs: NDArray[np.int64], stops: Array) -> dict[int, float]:
+def exposure_curve(pairs: Ints, stops: Array) -> dict[int, float]:
     """Exposure by frame, summed along chains of (P, 2) pairs ordered by the first; each chain's median is 0 [stops].
 
     A steady change that the bias of the (P,) ``stops``, NaN if unknown, could make is taken out: it would grow.

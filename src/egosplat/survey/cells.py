@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.geometry import Array, ground_axes, lie_within
-from egosplat.survey.views import Bools
+from egosplat.arrays import Array, Bools
+from egosplat.geometry import ground_axes, lie_within
 
 # A cell trains on the cameras within this share of its sides, and this many depths, of its border.
 _MARGIN, _DEPTHS = 0.2, 0.5

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from egosplat.geometry import Array
+from egosplat.arrays import Array
 from egosplat.survey.brightness import exposure_curve
 from egosplat.survey.motion import Motion
 

@@ -6,15 +6,16 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from egosplat.arrays import Array, Bools, Floats, Ints, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, shown_pixels
-from egosplat.geometry import Array, Camera, invert
+from egosplat.geometry import Camera, invert
 from egosplat.images import resize_mask, shrunk_size
-from egosplat.moving_regions import Labels, landing, lasting_regions, meetings
+from egosplat.moving_regions import landing, lasting_regions, meetings
 from egosplat.progress import track
 from egosplat.survey import views
 from egosplat.survey.brightness import exposure_changes
-from egosplat.survey.pairs import Bools, Floats, Match, detect_motion
+from egosplat.survey.pairs import Match, detect_motion
 from egosplat.survey.rigid import View
 
 # Longest side of the images that flow is computed of [px].
@@ -44,7 +45,7 @@ class Motion:
             pair is not judged.
     """
 
-    pairs: views.Pairs
+    pairs: Ints
     moving: Array
     lasting: Array
     voting: Array
@@ -117,7 +118,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     )
 
 
-def _lasting(pairs: views.Pairs, regions: list[Labels], flows: list[tuple[Floats, Array] | None]) -> Array:
+def _lasting(pairs: Ints, regions: list[Ints32], flows: list[tuple[Floats, Array] | None]) -> Array:
     """(P,) float64 pixels of each pair in regions that keep moving; ``flows`` where some do, with their homographies."""
     row_of = {int(first): row for row, first in enumerate(pairs[:, 0])}
     links = []

@@ -7,13 +7,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from egosplat.geometry import Array
-from egosplat.moving_regions import Labels, large_regions
+from egosplat.arrays import Array, Bools, Bytes, Floats, Ints32
+from egosplat.moving_regions import large_regions
 from egosplat.optical_flow import find_flow, is_consistent, pixel_grid, sample
 from egosplat.survey import rigid
-from egosplat.survey.brightness import Bools, Gray, compare_light, equalize
-
-Floats = NDArray[np.float32]
+from egosplat.survey.brightness import compare_light, equalize
 
 # Tolerated forward-backward error [px].
 _MAX_FLOW_ERROR = 0.5
@@ -58,8 +56,8 @@ class Match:
 
     def __init__(
         self,
-        first: Gray,
-        second: Gray,
+        first: Bytes,
+        second: Bytes,
         valid: Bools,
         intrinsics: Array,
         poses: tuple[Array, Array],
@@ -103,13 +101,13 @@ class PairMotion:
             pose [px]; NaN if not judged.
     """
 
-    regions: Labels
+    regions: Ints32
     voting: int
     noise_px: float
     before_px: float
 
 
-def _texture(image: Gray) -> Floats:
+def _texture(image: Bytes) -> Floats:
     """(h, w) float32 squared gradient of each pixel's patch in its weakest direction [gray levels squared / px squared]."""
     across, down = (cv2.Scharr(image, cv2.CV_32F, *order, scale=1 / 32) for order in ((1, 0), (0, 1)))
     xx, yy, xy = (
@@ -123,7 +121,7 @@ def _mean_of_patch(image: NDArray) -> Floats:
     return np.asarray(cv2.blur(image.astype(np.float32), (_PATCH, _PATCH)), np.float32)
 
 
-def _warp(image: Gray, homography: Array) -> Gray:
+def _warp(image: Bytes, homography: Array) -> Bytes:
     """Sample an image at the pixels that a homography maps to; 0 outside."""
     # Pixel centers are at + 0.5 in the package and at integers in OpenCV.
     shift = np.array([[1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
@@ -198,6 +196,6 @@ def _matched_better(match: Match, view: rigid.View, correction: Array, moving: B
     return found
 
 
-def _difference(first: Gray, second: Gray, targets: Array) -> Floats:
+def _difference(first: Bytes, second: Bytes, targets: Array) -> Floats:
     """(h, w) float32 mean difference of each pixel's patch from the patch at its target [gray levels]."""
     return _mean_of_patch(cv2.absdiff(first, sample(second, targets - 0.5)))

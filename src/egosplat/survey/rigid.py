@@ -8,9 +8,8 @@ epipolar line is left over. A moving thing does not fit the correction, and hard
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat.geometry import Array
+from egosplat.arrays import Array, Reals
 
 # Standard deviation of a correction before anything is measured [rad; meters per meter of depth].
 _PRIOR = 0.03
@@ -51,7 +50,7 @@ def rotation_homography(intrinsics: Array, first: Array, second: Array) -> Array
     return intrinsics @ (second[:3, :3].T @ first[:3, :3]) @ np.linalg.inv(intrinsics)
 
 
-def static_residual(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:
+def static_residual(view: View, pixels: Array, flow: Reals, correction: Array) -> Array:
     """(..., 2) float64 vector from the nearest place where a static point can appear to the target of its flow [px].
 
     Args:
@@ -66,7 +65,7 @@ def static_residual(view: View, pixels: Array, flow: NDArray[np.floating], corre
     return flow - along.clip(0.0, 1.0)[..., None] * segment
 
 
-def corrected_flow(view: View, pixels: Array, flow: NDArray[np.floating], correction: Array) -> Array:
+def corrected_flow(view: View, pixels: Array, flow: Reals, correction: Array) -> Array:
     """(..., 2) flow to the second image with its corrected orientation [px]."""
     ends = np.asarray(pixels, np.float64) + flow
     return turn(view.intrinsics, ends, correction[:3]) - pixels
@@ -97,7 +96,7 @@ def turn(intrinsics: Array, pixels: Array, rotation: Array) -> Array:
     return np.stack([x, y], axis=-1) / np.maximum(z, 0.1)[..., None] * focal + center
 
 
-def fit_correction(view: View, pixels: Array, flow: NDArray[np.floating]) -> Array:
+def fit_correction(view: View, pixels: Array, flow: Reals) -> Array:
     """(6,) correction that explains most of the (N, 2) flow from (N, 2) pixels of the first image; zeros without any."""
     stride = max(1, -(-len(pixels) // _MAX_PIXELS))
     pixels, flow = np.asarray(pixels, np.float64)[::stride], np.asarray(flow, np.float64)[::stride]

@@ -3,13 +3,9 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from egosplat.geometry import Array, Camera, invert, rotation_angle, transform
-
-Bools = NDArray[np.bool_]
-Pairs = NDArray[np.int64]
-Times = NDArray[np.int64]
+from egosplat.arrays import Array, Bools, Ints
+from egosplat.geometry import Camera, invert, rotation_angle, transform
 
 # At least one frame is kept in every such interval: objects move while the head is still.
 MAX_INTERVAL_S = 1.0
@@ -56,7 +52,7 @@ def view_change(first: Array, second: Array, depth: float | Array) -> Array:
 
 
 def choose_views(
-    camera_to_world: Array, depths: Array, times_ns: Times, optional: Bools, min_change_deg: float
+    camera_to_world: Array, depths: Array, times_ns: Ints, optional: Bools, min_change_deg: float
 ) -> Bools:
     """(F,) bool: frames that are kept; ``optional`` ones only if the view changed since the last optional frame kept.
 
@@ -78,7 +74,7 @@ def choose_views(
     return kept
 
 
-def choose_pairs(times_ns: Times, registered: Bools) -> Pairs:
+def choose_pairs(times_ns: Ints, registered: Bools) -> Ints:
     """(P, 2) int64 pairs of registered frames a short time apart, by the first, in runs evenly over the recording."""
     known = np.flatnonzero(registered)
     # Half a millisecond of tolerance: a camera's clock is not exact.
@@ -97,7 +93,7 @@ def choose_pairs(times_ns: Times, registered: Bools) -> Pairs:
     return pairs[sorted(row for row in chosen if row is not None)]
 
 
-def choose_revisits(camera_to_world: Array, depths: Array, times_ns: Times, limit: int) -> Pairs:
+def choose_revisits(camera_to_world: Array, depths: Array, times_ns: Ints, limit: int) -> Ints:
     """(R, 2) int64 pairs of frames that show nearly the same at least a second apart, by the first, spread evenly.
 
     At most ``limit`` and 24. The other arguments are those of ``choose_views``.

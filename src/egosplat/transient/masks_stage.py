@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Ints, Ints32
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -26,8 +26,6 @@ from egosplat.progress import log, track
 from egosplat.transient.options import MasksOptions
 from egosplat.transient.sure_regions import Look, RegionMasks, find_regions, lasting_masks
 
-Scores = NDArray[np.float64]
-
 # Least share of a transient instance's pixels that stand out (docs/method.md#stands-out). 0.3 to 0.55 work equally well, but where
 # arms are always in view, 0.5 masks a quarter of the moving pixels and 0.35 two thirds.
 LEAST_OUTSTANDING = 0.35
@@ -42,18 +40,18 @@ MAX_SHARE = 0.5
 _MASKS_THAT_HOLD = 3
 
 
-def transient_instances(scores: Scores, pixels: NDArray[np.int64], threshold: float) -> NDArray[np.bool_]:
+def transient_instances(scores: Array, pixels: Ints, threshold: float) -> Bools:
     """(N,) the set D: instances of all levels with at least one pixel and a score of at least ``threshold``."""
     # An instance without pixels has the score 0, which reaches a threshold of 0.
     return np.asarray(scores >= threshold) & (pixels > 0)
 
 
-def looks_static(outstanding: InstanceScores, least: float) -> NDArray[np.bool_]:
+def looks_static(outstanding: InstanceScores, least: float) -> Bools:
     """(N,) whether less than the share ``least`` of an instance's pixels stand out; False if none was measured."""
     return np.asarray(outstanding.scores < least) & (outstanding.pixels > 0)
 
 
-def refined_mask(labels: NDArray[np.int32], transient: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def refined_mask(labels: Ints32, transient: Bools) -> Bools:
     """(H, W) union of the transient instances in one frame, from (L, H, W) labels and the (N,) set."""
     # Label -1 indexes the appended last entry: pixels without an instance are not transient.
     return np.asarray(np.append(transient, False)[labels].any(axis=0))
@@ -125,13 +123,13 @@ class _Inputs(NamedTuple):
     transient: Artifact
     instances: Artifact
 
-    def labels(self, frame: int) -> NDArray[np.int32]:
+    def labels(self, frame: int) -> Ints32:
         """(L, H, W) instances of a frame; -1 where its own mask leaves the pixel out: it says nothing of an instance."""
         labels = self.instances.row("labels", frame)
         return np.where(shown_pixels(self.frames, frame, labels >= 0), labels, np.int32(-1))
 
 
-def _score(inputs: _Inputs, rows: NDArray[np.int64]) -> tuple[InstanceScores, InstanceScores, float]:
+def _score(inputs: _Inputs, rows: Ints) -> tuple[InstanceScores, InstanceScores, float]:
     """Score the instances on the frames ``rows``: by probability, and by what stands out; and the mean probability."""
     frames, transient, instances = inputs
     count = instances.shape("instances/level")[0]
@@ -147,14 +145,14 @@ def _score(inputs: _Inputs, rows: NDArray[np.int64]) -> tuple[InstanceScores, In
     return by_probability, outstanding, total / max(len(rows), 1)
 
 
-def _region_finder(inputs: _Inputs, still: NDArray[np.bool_], called: NDArray[np.bool_]) -> Look:
+def _region_finder(inputs: _Inputs, still: Bools, called: Bools) -> Look:
     """Find regions; where the network errs about a ``still`` one of the ``called`` instances, it is not sure of anything."""
     frames, transient, _ = inputs
     measured, compared = np.isfinite(transient.read("residual_scale")), transient.read("compared")
 
     # A frame is compared with the two before it, which stay while it comes.
     @lru_cache(4)
-    def look(frame: int) -> NDArray[np.int32]:
+    def look(frame: int) -> Ints32:
         labels = inputs.labels(frame)
         sure = (transient.row("probability", frame) >= SURE_PROBABILITY) & compared
         sure = shown_pixels(frames, frame, sure) & ~refined_mask(labels, still & called)
@@ -165,7 +163,7 @@ def _region_finder(inputs: _Inputs, still: NDArray[np.bool_], called: NDArray[np
 
 
 def _put_refined(
-    artifact: Writer, inputs: _Inputs, chosen: NDArray[np.bool_], regions: RegionMasks, guarded: bool
+    artifact: Writer, inputs: _Inputs, chosen: Bools, regions: RegionMasks, guarded: bool
 ) -> tuple[float, float]:
     """Write the masks of all frames; returns the share of all pixels that are masked, and that regions alone mask."""
     count, height, width = inputs.transient.shape("probability")

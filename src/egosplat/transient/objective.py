@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 from torch.optim.adam import adam
 
+from egosplat.arrays import Array, Bools
 from egosplat.gaussians.loss import Objective, l2
 from egosplat.gaussians.training_views import Views
 from egosplat.transient.network import TransientNet
@@ -93,7 +93,7 @@ class InitialObjective(Objective):
         for weight in self._weights:
             weight.grad = None
 
-    def mean_probability(self, iterations: list[int]) -> NDArray[np.float64]:
+    def mean_probability(self, iterations: list[int]) -> Array:
         """Return the mean M between consecutive ``iterations``, from iteration 0 on; 0 during warm-up."""
         means = self._probability.cpu().double().numpy()
         return np.array([means[a:b].mean() for a, b in pairwise([0, *iterations])])
@@ -152,7 +152,7 @@ class ResidualScale:
         self._stands_out[index] = pack(residual > STANDS_OUT * self.scale[index].clamp_min(LEAST_SCALE))
         self._measured.add(index)
 
-    def stands_out(self, index: int) -> NDArray[np.bool_]:
+    def stands_out(self, index: int) -> Bools:
         """(H, W) pixels whose squared difference exceeds ``STANDS_OUT`` scales of their view."""
         height, width = self._size
         bits = np.unpackbits(self._stands_out[index].cpu().numpy(), count=height * width)

@@ -6,8 +6,8 @@ from typing import Any
 import cv2
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from, kept_frames
@@ -95,7 +95,7 @@ def _put_residuals(
     """Store the residuals of the views, enlarged to the frames; returns their median, None if nothing was measured."""
     count, height, width, _ = frames.shape("rgb")
 
-    def enlarged(small: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def enlarged(small: Bools) -> Bools:
         values = small.astype(np.uint8)
         return cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
 

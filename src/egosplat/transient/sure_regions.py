@@ -4,16 +4,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Ints32
 from egosplat.images import resize_labels, shrunk_size
 from egosplat.moving_regions import Region, large_regions, lasting_regions, meetings
 from egosplat.progress import track
 
-Bools = NDArray[np.bool_]
-Labels = NDArray[np.int32]
 Link = tuple[Region, Region]
-Look = Callable[[int], Labels]
+Look = Callable[[int], Ints32]
 """Finds the regions of a frame, see ``find_regions``; those of all frames of an hour do not fit into memory."""
 
 # Regions are found at this longer side [px]: the network sees no more.
@@ -29,14 +27,14 @@ _STANDS_OUT, _STANDS_OUT_THOUGH_EXPLAINED, _EXPLAINED = 0.7, 0.8, 0.8
 _MOST_APART = 2
 
 
-def find_regions(sure: Bools, explained: Bools, outstanding: Bools | None) -> Labels:
+def find_regions(sure: Bools, explained: Bools, outstanding: Bools | None) -> Ints32:
     """Number the regions of one frame from 1, at a longer side of ``_SIDE``; 0 elsewhere. (H, W) pixels that
     the network is ``sure`` of, of instances that stand still, which ``explained`` them, and that stand out
     from the Gaussians of the warm-up, None if that was not measured."""
     labels = large_regions(_shrink(sure))
     area = np.bincount(labels.ravel())
 
-    def share(mask: Bools) -> NDArray[np.float64]:
+    def share(mask: Bools) -> Array:
         return np.bincount(labels[_shrink(mask)], minlength=len(area)) / np.maximum(area, 1)
 
     is_explained = share(explained) > _EXPLAINED

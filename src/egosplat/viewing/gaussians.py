@@ -4,10 +4,10 @@ import warnings
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2, vq
 from torch.nn import functional
 
+from egosplat.arrays import Bytes, Floats, Ints, Reals
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.model import Gaussians
 from egosplat.images import evenly_spaced
@@ -32,17 +32,15 @@ SMALLEST, SMALLEST_MEAN, STEP = 1e-6, 1e-7, 1.06
 # Entries of a level's palette, codes that entries are fitted to, and rounds of k-means.
 ENTRIES, _SAMPLE, _ROUNDS = 512, 20_000, 10
 
-Floats = NDArray[np.float32]
 
-
-def keep_largest(gaussians: Gaussians, most: int) -> NDArray[np.int64]:
+def keep_largest(gaussians: Gaussians, most: int) -> Ints:
     """Indices of the ``most`` Gaussians that cover most: opacity times the area of the two longest axes."""
     scales = np.sort(gaussians.scales.cpu().numpy(), axis=1)
     cover = gaussians.opacities.cpu().numpy() * scales[:, 1] * scales[:, 2]
     return np.argsort(-cover, kind="stable")[:most]
 
 
-def spatial_order(means: Floats) -> NDArray[np.int64]:
+def spatial_order(means: Floats) -> Ints:
     """Order of (N, 3) centers along a Z-order curve, on which Gaussians of one index range are near each other."""
     low, high = np.quantile(means, [0.01, 0.99], axis=0) if len(means) else (np.zeros(3), np.ones(3))
     cell = np.clip((means - low) / np.maximum(high - low, 1e-9) * 1023, 0, 1023).astype(np.int64)
@@ -86,7 +84,7 @@ def pack_gaussians(gaussians: Gaussians, sh_degree: int) -> tuple[Arrays, Facts]
     }
 
 
-def _quantize(values: NDArray[np.floating]) -> tuple[NDArray[np.uint8], list[float]]:
+def _quantize(values: Reals) -> tuple[Bytes, list[float]]:
     """Bytes for equal steps between the least and the largest value, and these two."""
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 0.0)
     high = max(high, low + 1e-6)
@@ -104,7 +102,7 @@ def _quantize_centers(means: Floats) -> Arrays:
     return {"position": steps.T, "block_low": low.T, "block_step": step.T}
 
 
-def pack_visibility(shares: Floats, frame: NDArray[np.int64]) -> tuple[Arrays, Facts]:
+def pack_visibility(shares: Floats, frame: Ints) -> tuple[Arrays, Facts]:
     """Quantize the (V, N) shares of views that Gaussians fill, on a logarithmic scale.
 
     ``visible`` (N,) uint8 mean over all views; ``seen`` (W, ceil(N / 8)) uint8 bits, the first of a byte highest, of the
@@ -121,7 +119,7 @@ def pack_visibility(shares: Floats, frame: NDArray[np.int64]) -> tuple[Arrays, F
     return arrays, {"seen_frames": frame[chosen].tolist()} | limits
 
 
-def to_bytes(values: Floats, smallest: float) -> NDArray[np.uint8]:
+def to_bytes(values: Floats, smallest: float) -> Bytes:
     """Byte b >= 1 means ``smallest * STEP ** (b - 1)``; 0 means less than ``smallest``."""
     steps = np.log(np.maximum(values, smallest) / smallest) / np.log(STEP)
     return np.where(values >= smallest, np.rint(steps).clip(0, 254) + 1, 0).astype(np.uint8)

@@ -11,7 +11,7 @@ from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import POSES
 from egosplat.gaussians.render import RenderSettings
 from egosplat.instances import geometry
-from egosplat.instances.lifted_masks import lift_masks
+from egosplat.instances.lifted_masks import lift
 from egosplat.instances.rendering import render_things
 from egosplat.instances.things import beliefs
 from tests.support.scenes import sideways
@@ -99,11 +99,10 @@ def test_gaussians_that_are_not_finite(measured, name, value):
     labels[:, :, SIZE // 2 :] = 1
     settings = RenderSettings(options().near_plane, "black", "cpu")
     views = SimpleNamespace(frame=np.zeros(1, np.int64), camera_to_world=np.eye(4)[None], camera=CAMERA)
-    fewer, look = some.select(torch.arange(400) % 2 == 1), lambda _: (labels, np.ones((SIZE, SIZE), bool))
-    found, expected = (
-        lift_masks(SimpleNamespace(gaussians=each, views=views, settings=settings), look)
-        for each in (some, fewer)
-    )
+    fewer, seen = some.select(torch.arange(400) % 2 == 1), np.ones((SIZE, SIZE), bool)
+    segments = SimpleNamespace(row=lambda *_: labels)
+    geometries = [SimpleNamespace(gaussians=each, views=views, settings=settings) for each in (some, fewer)]
+    found, expected = (lift(one, segments, lambda _: seen, lambda own: (own, ~seen)) for one in geometries)
     assert not found.seen[:, ::2].nnz and not found.votes[::2].nnz
     measured(np.abs((found.seen[:, 1::2] - expected.seen).toarray()).max())
     shown, alone = (

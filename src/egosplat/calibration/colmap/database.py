@@ -11,8 +11,8 @@ from typing import TypeVar
 import cv2
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
+from egosplat.arrays import Bools, Bytes
 from egosplat.errors import UserError
 from egosplat.progress import track
 
@@ -69,7 +69,7 @@ class Project:
                 self.check_free_space()
                 yield items[index : index + size]
 
-    def write_images(self, images: Iterable[NDArray[np.uint8]]) -> None:
+    def write_images(self, images: Iterable[Bytes]) -> None:
         """Write (H, W, 3) uint8 RGB images of the camera's size as PNG files; UserError if there are too few."""
         for index, image in enumerate(track(images, "COLMAP: writing images")):
             self.check_free_space()
@@ -79,7 +79,7 @@ class Project:
         if (count := len(self.names)) < MIN_IMAGES:
             raise TooFewError(f"COLMAP needs {MIN_IMAGES} frames or more, not {count}: use more frames")
 
-    def write_masks(self, valid: NDArray[np.bool_], shown: Iterable[NDArray[np.bool_]] | None) -> None:
+    def write_masks(self, valid: Bools, shown: Iterable[Bools] | None) -> None:
         """Write masks of the (H, W) bool pixels of all images, and of each, that show the scene; others have no features."""
         if valid.all() and shown is None:
             return
@@ -146,7 +146,7 @@ class Project:
         return options
 
 
-def _shrunk(shown: NDArray[np.bool_]) -> NDArray[np.uint8]:
+def _shrunk(shown: Bools) -> Bytes:
     """A mask of 0 and 255, without the pixels near its edge."""
     # The edge of the lens circle is a strong feature that moves with the camera, so the region is shrunk.
     margin = max(2, round(shown.shape[0] * _MASK_MARGIN))

@@ -8,15 +8,14 @@ import os
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes
 from egosplat.calibration.colmap.database import MIN_IMAGES, Project
 from egosplat.calibration.colmap.matching import SEED, match_images
 from egosplat.calibration.colmap.movement import check_camera_moves
 from egosplat.files import scratch_directory
-from egosplat.geometry import Array, invert
+from egosplat.geometry import invert
 from egosplat.progress import track
 
 # A model with fewer points is noise, not a scene.
@@ -32,9 +31,9 @@ _MAX_POSE_ERROR, _LEAST_POSE_ERROR_PX = 0.012, 2.0
 
 def reconstruct(
     prefix: str,
-    images: Iterable[NDArray[np.uint8]],
-    valid: NDArray[np.bool_],
-    shown: Iterable[NDArray[np.bool_]] | None,
+    images: Iterable[Bytes],
+    valid: Bools,
+    shown: Iterable[Bools] | None,
     camera: pycolmap.Camera,
     matching: str,
     threads: int | None = None,

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 from scipy.cluster.vq import kmeans2, vq
 
+from egosplat.arrays import Floats
 from egosplat.calibration.colmap.database import Project
 from egosplat.progress import log
 
@@ -81,7 +81,7 @@ def sequential_pairs(project: Project, overlap: int = OVERLAP) -> list[Pair]:
     return sorted(near | alike)
 
 
-def _looks(project: Project) -> NDArray[np.float32]:
+def _looks(project: Project) -> Floats:
     """(F, D) float32 vectors, whose products are large for images that look alike.
 
     Around centers of all descriptors, they add up where an image's own lie (VLAD; Jegou et al. 2010).
@@ -90,7 +90,7 @@ def _looks(project: Project) -> NDArray[np.float32]:
     with pycolmap.Database.open(project.database) as database:
         images = sorted(database.read_all_images(), key=lambda image: image.name)
 
-        def read(image: pycolmap.Image) -> NDArray[np.float32]:
+        def read(image: pycolmap.Image) -> Floats:
             return np.asarray(database.read_descriptors(image.image_id).data, np.float32)
 
         per_image = math.ceil(_SAMPLE / len(images))

@@ -9,8 +9,8 @@ import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array
 from egosplat.calibration.colmap.database import Project
 from egosplat.errors import UserError
 from egosplat.images import evenly_spaced
@@ -29,7 +29,7 @@ _MIN_SHARE, _MIN_AREA = 0.05, 0.1
 _STILL_PAIRS = 0.9
 
 # Positions (N, 2) as shares of the diagonal, and descriptors (N, 128).
-_Features = tuple[NDArray[np.float64], cv2.typing.MatLike]
+_Features = tuple[Array, cv2.typing.MatLike]
 
 
 def check_camera_moves(project: Project) -> None:

@@ -5,17 +5,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, FigureBase
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import FuncFormatter, MultipleLocator
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Ints
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import length_unit, seconds_of
 from egosplat.drawing import add_name, empty_grid, plt, show, split_page
-from egosplat.geometry import Array, ground_axes
+from egosplat.geometry import ground_axes
 from egosplat.histories.known import read_spans
 from egosplat.histories.told import clock
 from egosplat.report.sheets.sheet import POINTS, below_cameras, palette, sheet
-
-Indices = NDArray[np.int64]
 
 # Maximum number of carries, of photographs, and of those in a row.
 CARRIES, PICTURES, COLUMNS = 40, 12, 6
@@ -61,7 +59,7 @@ def run(frames: Artifact, poses: Artifact, splats: Artifact, histories: Artifact
 
 
 def _draw_from_above(
-    axes: Axes, poses: Artifact, splats: Artifact, histories: Artifact, colors: Array, drawn: Indices
+    axes: Axes, poses: Artifact, splats: Artifact, histories: Artifact, colors: Array, drawn: Ints
 ) -> None:
     """Draw an arrow for each carry that is drawn over the Gaussians, without what is higher than the cameras."""
     plane, xyz = ground_axes(poses.read("up")), splats.read("means").astype(np.float64)
@@ -84,7 +82,7 @@ def _draw_from_above(
     axes.set(aspect="equal", title=title, xlabel=unit, ylabel=unit)
 
 
-def _draw_times(axes: Axes, spans: Array, last: float, colors: Array, drawn: Indices) -> None:
+def _draw_times(axes: Axes, spans: Array, last: float, colors: Array, drawn: Ints) -> None:
     """Draw a bar for each carry that is drawn, from its first to its last frame."""
     places, spans = np.arange(1, len(drawn) + 1), spans[drawn]
     axes.barh(places, np.ptp(spans, axis=1), left=spans[:, 0], color=colors[drawn], height=0.7, zorder=2)
@@ -98,7 +96,7 @@ def _draw_times(axes: Axes, spans: Array, last: float, colors: Array, drawn: Ind
 
 
 def _draw_photographs(
-    page: FigureBase, frames: Artifact, histories: Artifact, spans: Array, colors: Array, chosen: Indices
+    page: FigureBase, frames: Artifact, histories: Artifact, spans: Array, colors: Array, chosen: Ints
 ) -> None:
     """Draw the chosen things on their way, each in the frame that shows most of it."""
     left_out = len(spans) - len(chosen)

@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure, SubFigure
 from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Ints, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import empty_grid, plt, split_page
 from egosplat.features.aggregation import MAD_K, disagreement
@@ -50,9 +51,7 @@ def run(
     )
 
 
-def choose_instances(
-    owner: NDArray[np.int32], inlier: NDArray[np.bool_], level: NDArray[np.int8], feature: NDArray[np.float64]
-) -> list[int]:
+def choose_instances(owner: Ints32, inlier: Bools, level: NDArray[np.int8], feature: Array) -> list[int]:
     """Choose the instances to show.
 
     First the instance with the most views, then, repeatedly, the often seen one whose feature is least similar to all chosen
@@ -75,7 +74,7 @@ def choose_instances(
     return shown + [one for one in worst if outliers[one] and one not in shown][:MOST_OUTLIERS]
 
 
-def choose_views(inlier: NDArray[np.bool_]) -> NDArray[np.int64]:
+def choose_views(inlier: Bools) -> Ints:
     """Choose the views of an instance to show, in order of time: evenly spaced; outliers take up to half of the strip."""
     outliers, others = np.flatnonzero(~inlier), np.flatnonzero(inlier)
     outliers = outliers[evenly_spaced(len(outliers), COLUMNS // 2)]
@@ -88,7 +87,7 @@ def _draw_instance(
     instances: Artifact,
     views: Artifact,
     features: Artifact,
-    rows: NDArray[np.int64],
+    rows: Ints,
     name: str,
 ) -> None:
     """Draw the views of an instance, which have these rows, below its name, each with its frame and the number that decides."""

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bytes, Ints32
 from egosplat.artifacts.reader import Artifact
 from egosplat.drawing import empty_grid, plt, show
 from egosplat.geometry import ground_axes
@@ -48,9 +49,7 @@ def run(frames: Artifact, poses: Artifact, instances: Artifact) -> tuple[Figure,
     )
 
 
-def tinted(
-    picture: NDArray[np.uint8], labels: NDArray[np.int32], colors: NDArray[np.float64]
-) -> NDArray[np.uint8]:
+def tinted(picture: Bytes, labels: Ints32, colors: Array) -> Bytes:
     """Tint and outline the instances of an (H, W, 3) uint8 image as ``tint`` does; all else is gray."""
     gray = picture.mean(axis=2, keepdims=True) * np.where(labels >= 0, 1, DARK)[..., None]
     shown = tint(np.repeat(gray, 3, axis=2).astype(np.uint8), labels, colors, TINT)
@@ -60,9 +59,7 @@ def tinted(
     return shown
 
 
-def _draw_from_above(
-    cells: NDArray[Any], poses: Artifact, instances: Artifact, colors: NDArray[np.float64]
-) -> None:
+def _draw_from_above(cells: NDArray[Any], poses: Artifact, instances: Artifact, colors: Array) -> None:
     """Draw the Gaussians of each level's instances from above, the highest last, without what is higher than the cameras."""
     up, xyz = poses.read("up"), instances.read("gaussians/xyz").astype(np.float64)
     rows = np.argsort(xyz @ up, kind="stable")

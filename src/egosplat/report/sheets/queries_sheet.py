@@ -6,12 +6,12 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from egosplat.alarms.artifact_alarms import warning_lines
 from egosplat.alarms.table import Alarm
+from egosplat.arrays import Bools, Bytes, Floats, Ints
 from egosplat.artifacts.consistency import check_inputs
 from egosplat.artifacts.lineage import open_inputs
 from egosplat.drawing import (
@@ -63,10 +63,10 @@ class ShownQuery:
     """A query with its (H, W, 3) uint8 photograph, float32 view in [0, 1], (H, W) bool target, and the (B, 4) boxes to hit, if any."""
 
     scored: ScoredQuery
-    photograph: NDArray[np.uint8]
-    view: NDArray[np.float32]
-    target: NDArray[np.bool_]
-    boxes: NDArray[np.int64]
+    photograph: Bytes
+    view: Floats
+    target: Bools
+    boxes: Ints
     answer: ViewMatch
 
 

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from egosplat.alarms.artifact_alarms import warnings_of
+from egosplat.arrays import Array, Bools, Bytes
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.lineage import open_inputs
 from egosplat.artifacts.reader import Artifact
@@ -48,7 +49,7 @@ def sheet(*warned: str, fontsize: int = 12) -> Callable[[Draw], Callable[..., No
     return decorate
 
 
-def below_cameras(poses: Artifact, xyz: NDArray[np.float64]) -> NDArray[np.bool_]:
+def below_cameras(poses: Artifact, xyz: Array) -> Bools:
     """(N,) bool: which of (N, 3) points show the scene from above, without what is higher than the cameras."""
     if not len(xyz):
         return np.zeros(0, bool)
@@ -61,16 +62,14 @@ def below_cameras(poses: Artifact, xyz: NDArray[np.float64]) -> NDArray[np.bool_
     return ((xyz >= low) & (xyz <= high)).all(axis=1) & (height < floor + BELOW * (camera - floor))
 
 
-def palette(count: int) -> NDArray[np.float64]:
+def palette(count: int) -> Array:
     """(count, 3) colors in 0..1; consecutive ones have very different hues."""
     hues = (np.arange(count) * 0.61803398875) % 1.0
     value = 0.75 + 0.25 * ((np.arange(count) // 7) % 2)
     return hsv_to_rgb(np.stack([hues, np.full(count, 0.85), value], axis=1)).reshape(count, 3)
 
 
-def tint(
-    picture: NDArray[np.uint8], labels: NDArray[np.integer], colors: NDArray[np.float64], opacity: float = 0.4
-) -> NDArray[np.uint8]:
+def tint(picture: Bytes, labels: NDArray[np.integer], colors: Array, opacity: float = 0.4) -> Bytes:
     """Tint an (H, W, 3) uint8 image by (H, W) labels in (N, 3) colors in 0..1; pixels without a label, -1, stay as they are."""
     if not len(colors):
         return picture

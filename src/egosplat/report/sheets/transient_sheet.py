@@ -4,8 +4,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from egosplat.arrays import Array, Bools, Bytes
 from egosplat.artifacts.reader import Artifact
 from egosplat.artifacts.schemas import camera_poses, seconds_of
 from egosplat.drawing import add_name, draw_outline, empty_grid, plt, show, split_page
@@ -75,7 +75,7 @@ def run(
     )
 
 
-def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list[int]:
+def choose_frames(masked: Array, posed: Bools) -> list[int]:
     """Choose the frames to show, in order of time, by their (F,) masked shares and whether they have a pose, to be rendered.
 
     The frames with masked pixels are split into ``MOVING`` equal parts; each part gives the frame with the largest masked
@@ -88,9 +88,7 @@ def choose_frames(masked: NDArray[np.float64], posed: NDArray[np.bool_]) -> list
     return sorted(most + still[evenly_spaced(len(still), PICTURES - len(most))].tolist())
 
 
-def _draw_mask(
-    axes: Axes, photograph: NDArray[np.uint8], masks: Artifact, instances: Artifact, frame: int
-) -> None:
+def _draw_mask(axes: Axes, photograph: Bytes, masks: Artifact, instances: Artifact, frame: int) -> None:
     """Tint and outline the masked pixels, and name their largest instances."""
     mask = masks.row("refined", frame)
     heading = f"{mask.mean():.1%} masked; instance: mean probability" if mask.any() else "nothing is masked"
