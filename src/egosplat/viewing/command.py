@@ -9,7 +9,7 @@ from typing import Any
 from egosplat.artifacts.lineage import locate, open_histories
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
-from egosplat.errors import UserError
+from egosplat.errors import UserError, user_message
 from egosplat.pipeline.home import NAMES, check_scene_folder, title_of
 from egosplat.pipeline.stages import STAGES, run_stage
 from egosplat.progress import log
@@ -107,7 +107,7 @@ def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
         with lock:
             try:
                 return ask_for_page(scene(), **asked)
-            except UserError as error:
-                return {"why": str(error)}
+            except (UserError, OSError) as error:  # as of a name in a scene that may not be written
+                return {"why": user_message(error) or str(error)}
 
     return page, ask

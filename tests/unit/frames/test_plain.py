@@ -57,9 +57,7 @@ def test_images_of_other_formats_are_counted(images, capsys, suffix):
     assert f"3 {suffix}: only png and jpg are read. Convert them: {convert}" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "first, second", [("000.png", "000.jpg"), ("a.jpeg", "a.jpg"), ("b.PNG", "b.png"), ("x 1.jpg", "x 1.png")]
-)
+@pytest.mark.parametrize("first, second", [("a.jpeg", "a.jpg"), ("b.PNG", "b.png"), ("x 1.jpg", "x 1.png")])
 def test_two_images_of_one_name_are_rejected_with_both_names(tmp_path, first, second):
     folder = write_images(tmp_path / "twice", ["5.png", first, second, "7.png"])
     with pytest.raises(UserError, match=f"{first} and {second}|{second} and {first}"):

@@ -11,7 +11,7 @@ from urllib.parse import urlencode, urlsplit
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.viewing import growing
+from egosplat.viewing import growing, words
 from egosplat.viewing.command import open_page
 from egosplat.viewing.html import facts_of
 from egosplat.viewing.options import PageOptions
@@ -177,7 +177,7 @@ def test_a_scene_in_the_making_shows_what_is_there(page_scene, tmp_path, monkeyp
     assert open_page(page_scene, PageOptions(device="cpu"))[1]() == {}, "so its page takes its place"
 
 
-def test_a_question_is_answered_with_a_vector_or_a_reason(page_scene):
+def test_a_question_is_answered_with_a_vector_or_a_reason(page_scene, monkeypatch):
     _, answer = open_page(page_scene, PageOptions(device="cpu"))
     [red] = answer(phrase="where is my red couch?")["answers"]
     assert sum(value * value for value in red["vector"]) == pytest.approx(1) and red["asked"] == "red couch"
@@ -186,3 +186,5 @@ def test_a_question_is_answered_with_a_vector_or_a_reason(page_scene):
         [told] = answer(phrase=phrase)["answers"]
         assert why in told["refusal"] and "vector" not in told and not told["things"]
     assert "no picture" in answer(like="7")["why"] or "view_features" in answer(like="7")["why"]
+    monkeypatch.setattr(words, "ask_for_page", lambda scene, **_: (scene.folder / "gone/names.json").touch())
+    assert "gone/names.json: No such file" in answer(like="7", name="mine")["why"]
