@@ -34,14 +34,14 @@ class UnusableState(Exception):
 
 
 class Checkpoint:
-    """The checkpoint of the artifact at ``output``."""
+    """The checkpoint of the artifact at ``output``; ``picture`` is a file for what a training shows so far."""
 
     def __init__(self, output: Path, key: str, every_s: float | None = None, part: str = "") -> None:
         """Set up, without reading or writing; ``key`` as of ``provenance.key_of``, ``part`` of a stage with several
         checkpoints."""
         # Next to the output and not in it, because the workflow deletes outputs before it makes them.
         self._folder = output.parent / f".{output.name}.checkpoint"
-        self.file = self._folder / part / "state"
+        self.file, self.picture = self._folder / part / "state", self._folder / "training.png"
         self._key = key
         self._wait_s = self._every_s = EVERY_S if every_s is None else every_s
         self._saved = time.monotonic()

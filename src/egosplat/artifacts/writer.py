@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from egosplat.artifacts.integrity import ArtifactError, check_replaceable, digest_of, seal
 from egosplat.artifacts.provenance import Provenance
 from egosplat.artifacts.schema import Schema, check_shape, sizes_of
-from egosplat.artifacts.shards import CHUNKS_IN_SHARD, CODECS, Shards
+from egosplat.artifacts.shards import CHUNKS_IN_SHARD, EXACT, Shards
 from egosplat.files import atomic_directory
 
 
@@ -36,8 +36,8 @@ class Writer:
         self.allocate(name, values.shape)
         self._store(name, 0, values)
 
-    def allocate(self, name: str, shape: tuple[int, ...]) -> None:
-        """Create an array whose rows ``put_row`` writes, if each is a chunk by its schema."""
+    def allocate(self, name: str, shape: tuple[int, ...], codecs: dict[str, Any] = EXACT) -> None:
+        """Create an array whose rows ``put_row`` writes, if each is a chunk by its schema; ``AS_JPEG`` is for pictures."""
         declared = self._schema.fields[name]
         check_shape(declared, shape, self._sizes, name)
         rows, *rest = (max(1, size) for size in shape)
@@ -49,7 +49,7 @@ class Writer:
             dtype=declared.dtype,
             chunks=(in_chunk, *rest),
             shards=(in_chunk * in_shard, *rest),
-            compressors=CODECS,
+            **codecs,
             # All files of an array lie in one folder.
             chunk_key_encoding={"name": "default", "separator": "."},
             dimension_names=[dim if isinstance(dim, str) else None for dim in declared.dims],
@@ -57,7 +57,7 @@ class Writer:
             config={"write_empty_chunks": True},
             attributes={"unit": declared.unit, "about": declared.about},
         )
-        self._arrays[name] = Shards(self._scratch / name, array, in_shard)
+        self._arrays[name] = Shards(self._scratch / name, array, in_shard, codecs)
 
     def put_row(self, name: str, index: int, values: NDArray[Any]) -> None:
         """Store row ``index`` of an allocated array, once; shape and element type must match exactly. Raises as ``put``."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from egosplat.artifacts import provenance
 from egosplat.artifacts.schemas import FRAMES
+from egosplat.artifacts.shards import AS_JPEG, EXACT
 from egosplat.artifacts.writer import create
 from egosplat.calibration.files import is_annotated
 from egosplat.frames.options import FramesOptions
@@ -29,7 +30,8 @@ def run(recording_path: Path, output: Path, options: FramesOptions, *, format: s
         artifact.put("exposure_middle_ns", recording.exposure_middle_ns)
         artifact.put("train", train)
         artifact.put("evaluation", evaluation)
-        artifact.allocate("rgb", (count, *valid.shape, 3))
+        codecs = AS_JPEG if options.storage == "jpeg" else EXACT
+        artifact.allocate("rgb", (count, *valid.shape, 3), codecs)
         if recording.masked:
             artifact.allocate("masked", (count, *valid.shape))
         # One frame at a time: a recording does not fit into memory.

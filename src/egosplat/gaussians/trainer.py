@@ -1,10 +1,13 @@
 """The training loop of 3DGS (Kerbl et al. 2023), one photograph per iteration, and its complete state for checkpoints."""
 
+import contextlib
 import math
 import time
 from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+import cv2
 import torch
 from torch import Tensor
 
@@ -12,9 +15,10 @@ from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.reader import Artifact
 from egosplat.compute import single_thread
 from egosplat.errors import UserError
+from egosplat.files import atomic_file
 from egosplat.gaussians.corrections import Corrections, applied, make_corrections
 from egosplat.gaussians.density_control import DensityControl
-from egosplat.gaussians.evaluation import describe, evaluate, mean_known
+from egosplat.gaussians.evaluation import describe, evaluate, mean_known, rendered
 from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import Objective
 from egosplat.gaussians.model import PARAMETERS, Gaussians
@@ -181,6 +185,7 @@ def resume_and_train(state: TrainingState, views: Views, held_out: Views, checkp
             evaluated = iteration % options.evaluate_every == 0 and not schedule.resets_opacity(iteration)
             if evaluated or last:
                 measure(state, held_out)
+                draw(state, views, checkpoint.picture)
             if recorded:
                 checkpoint.save_if_due(state.state_dict)
     except UserError:
@@ -194,6 +199,16 @@ def train_alone(state: TrainingState, views: Views, checkpoint: Checkpoint) -> N
     # Sums over several threads on a CPU would differ from run to run.
     with single_thread():
         resume_and_train(state, views, none, checkpoint)
+
+
+def draw(state: TrainingState, views: Views, output: Path) -> None:
+    """Write a picture of the middle training view, and beside it what the Gaussians show of it so far, if the disk has room."""
+    middle = len(views) // 2
+    with torch.no_grad():
+        pair = torch.cat([views.picture(middle), rendered(state.scene(views.camera), views, middle)], dim=1)
+    pixels = (255.0 * pair.flip(2)).round().byte().cpu().numpy()
+    with contextlib.suppress(OSError), atomic_file(output) as scratch:
+        scratch.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
 
 
 def iterate(state: TrainingState, views: Views, schedule: Schedule) -> None:

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.files import scratch_directory
 from egosplat.pipeline.home import title_of
@@ -49,6 +50,7 @@ def _fill(told: dict[str, Any], folder: Path, done: threading.Event) -> None:
     """Draw what is new, and read what the step at work says, again and again."""
     os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), 19)
     drawn: set[tuple[int, ...]] = set()
+    training = Checkpoint(folder / "splats.zarr", "").picture
     with scratch_directory("egosplat-growing-") as scratch:
         while not done.wait(_EVERY_S):
             logs = Path("logs", *folder.parts[1:]).glob("*.log")
@@ -65,3 +67,9 @@ def _fill(told: dict[str, Any], folder: Path, done: threading.Event) -> None:
                         import_module(STAGES[name].module).run(**paths, output=output, title=told["title"])
                         told["pictures"] = {**told["pictures"], name: read_picture(output)}
                         drawn.add(made)
+            # Of a training at work; the sheet of its stage takes its place.
+            with contextlib.suppress(UserError, OSError):
+                made = (training.stat().st_mtime_ns,)
+                if made not in drawn:
+                    told["pictures"] = {**told["pictures"], "splats_sheet": read_picture(training)}
+                    drawn.add(made)
