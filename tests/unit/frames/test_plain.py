@@ -3,14 +3,13 @@
 import json
 import subprocess
 
-import cv2
 import imageio_ffmpeg
 import numpy as np
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.reader import open_artifact, verify
-from egosplat.artifacts.schemas import FRAMES, SCHEMAS
+from egosplat.artifacts.reader import verify
+from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError
 from egosplat.frames.options import FramesOptions
 from egosplat.frames.pictures import open_recording
@@ -53,20 +52,10 @@ def test_images_come_in_natural_order(images):
 
 
 def test_frames_are_stored_as_jpeg_where_that_is_asked(images, tmp_path):
-    rng = np.random.default_rng(0)
-    for file in images.iterdir():
-        coarse = rng.integers(0, 256, (6, 8, 3), dtype=np.uint8)
-        grain = rng.integers(0, 6, (48, 64, 3), dtype=np.uint8)
-        Image.fromarray(cv2.resize(coarse, (64, 48)) // 2 + grain).save(file)
-    sizes, pixels = [], []
-    for storage in ("exact", "jpeg"):
-        frames = tmp_path / f"{storage}.zarr"
-        make_frames(images, frames, FramesOptions(storage=storage), format="plain")
-        verify(frames, SCHEMAS)
-        pixels.append(open_artifact(frames, FRAMES).read("rgb").astype(int))
-        sizes.append(sum(file.stat().st_size for file in (frames / "rgb").iterdir()))
-    assert sizes[1] < 0.5 * sizes[0] and 0.2 < np.abs(pixels[1] - pixels[0]).mean() < 2.0
-    [shard] = (tmp_path / "jpeg.zarr/rgb").glob("c*")
+    make_frames(images, tmp_path / "frames.zarr", FramesOptions(storage="jpeg"), format="plain")
+    rgb = verify(tmp_path / "frames.zarr", SCHEMAS).read("rgb").astype(int)
+    assert np.abs(rgb[:, 5, 5] - [[10 * number, 100, 0] for number in range(12)]).max() <= 2
+    [shard] = (tmp_path / "frames.zarr/rgb").glob("c*")
     assert shard.read_bytes().startswith(b"\xff\xd8\xff"), "a picture as any program reads it"
 
 

@@ -238,6 +238,7 @@ def test_unanswerable_queries_are_reported(word_scene, query, words, said):
     status, out, err = query(folder, *words)
     assert status == 2 and out == "" and said in err and "Traceback" not in err
     assert ("0123456789abcdef" in err) == (words == ["another"]) and not (folder / "query.png").exists()
+    assert f"Did you mean {folder}? Give" in query(folder.with_name(f"{folder.name}s"), "cup")[2]
 
 
 def test_a_long_refusal_does_not_widen_a_column(tmp_path):
