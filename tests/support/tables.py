@@ -9,17 +9,15 @@ from tests.support import PRESETS
 OPTIONS = {"min_area": 0.001, "excluded": ["shelter"], "masks": "threshold"}
 """Keys of the section metrics that scores in one table must share."""
 
-SETUP = {
-    "recording": {
-        "kind": "adt",
-        "name": "recording",
-        "hash": "d",
-        "frames": 3,
-        "seconds": 1.0,
-        "seed": 1,
-        "camera": "ideal",
-    }
-} | {"seed": 0, "preset": "balanced", "commit": "c0de", "clean": True}
+SETUP = {"seed": 0, "preset": "balanced", "commit": "c0de", "clean": True, "recording": {"kind": "adt"}}
+SETUP["recording"] |= {
+    "name": "recording",
+    "hash": "d",
+    "frames": 3,
+    "seconds": 1.0,
+    "seed": 1,
+    "camera": "ideal",
+}
 """What was measured, and how."""
 
 

@@ -54,13 +54,11 @@ def test_products_are_of_the_number_type_and_nothing_is_recorded(dtype):
     assert layer(torch.ones(2, 4)).dtype == torch.float32, "the setting outlived its block"
 
 
-def test_single_thread_restores_the_number_of_threads():
-    before = torch.get_num_threads()
-    torch.set_num_threads(2)
-    try:
+def test_single_thread_restores_the_number_of_threads(with_threads):
+    def fail() -> int:
         with pytest.raises(RuntimeError, match="inside"), single_thread():
             assert torch.get_num_threads() == 1
             raise RuntimeError("inside")
-        assert torch.get_num_threads() == 2
-    finally:
-        torch.set_num_threads(before)
+        return torch.get_num_threads()
+
+    assert with_threads(2, fail) == 2

@@ -74,12 +74,8 @@ def call(run_command, command: str, folder: Path, *words: object) -> tuple[int, 
 
 def everything(folder: Path) -> dict[str, object]:
     """Kind, times and content of all that is below a folder."""
-    found: dict[str, object] = {}
-    for path in sorted(folder.rglob("*")):
-        status = path.lstat()
-        content = path.read_bytes() if path.is_file() else None
-        found[str(path)] = (status.st_mode, status.st_ino, status.st_mtime_ns, content)
-    return found
+    found = {str(path): (path.lstat(), path.is_file() and path.read_bytes()) for path in folder.rglob("*")}
+    return {name: (*status[:2], status.st_mtime_ns, content) for name, (status, content) in found.items()}
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -67,8 +67,7 @@ def test_a_link_is_replaced_and_what_it_points_to_stays(tmp_path, photos, target
 
 @pytest.mark.parametrize("path", ["", ".", "..", "/", "photos/.."])
 @pytest.mark.parametrize("made", [atomic_directory, atomic_file])
-def test_a_path_without_a_name_is_rejected(monkeypatch, tmp_path, made, path):
-    monkeypatch.chdir(tmp_path)
+def test_a_path_without_a_name_is_rejected(folder, tmp_path, made, path):
     with pytest.raises(UserError, match=f"{re.escape(str(Path(path)))}: "), made(Path(path)):
         pytest.fail("it began")
     assert not list(tmp_path.iterdir())

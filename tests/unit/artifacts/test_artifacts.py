@@ -235,8 +235,7 @@ def test_the_digest_is_of_the_content_and_detects_damage_that_reading_misses(tmp
         ("a.zarr", replace(TINY, version=3), "format version 2, this is version 3. Rebuild it"),
     ],
 )
-def test_what_is_not_the_artifact_gets_a_message_of_its_own(tmp_path, monkeypatch, name, schema, message):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_not_the_artifact_gets_a_message_of_its_own(folder, name, schema, message):
     write(Path("a.zarr"))
     with pytest.raises(ArtifactError, match=message):
         open_artifact(Path(name), schema)

@@ -206,8 +206,7 @@ def test_a_pose_written_with_few_digits_is_made_rigid(pictures, transforms):
     np.testing.assert_allclose(found, pose * [1, -1, -1, 1], atol=1e-4)
 
 
-def test_the_script_of_the_page_converts_a_data_set(pictures, model, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_script_of_the_page_converts_a_data_set(pictures, model, folder):
     shutil.copytree(pictures, "sequence/rgb")
     rows = {image.name: image.cam_from_world().inverse().matrix().ravel() for image in model.images.values()}
     np.savetxt("sequence/poses.txt", [[*rows[name], 0, 0, 0, 1] for name in NAMES])

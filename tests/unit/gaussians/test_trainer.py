@@ -58,7 +58,7 @@ def test_training_lowers_the_error_on_all_frames(trained, view_sets, tmp_path):
     state = trained(iterations=200, evaluate_every=100)
     photograph, shown = np.split(read_rgb(Checkpoint(tmp_path / "none.zarr", "").picture) / 255.0, 2, axis=1)
     assert np.abs(photograph - view_sets[0].picture(3).numpy()).max() < 0.01
-    assert 0.001 < np.square(shown - photograph).mean() < 0.01, "the picture of what the Gaussians show"
+    assert np.square(shown - photograph).mean() < 0.3 * np.var(photograph)
     curves = state.curves
     assert curves.evaluated == [100, 200] and curves.psnr[1] > curves.psnr[0]
     assert curves.psnr[1] > 24.0 and curves.ssim[1] > 0.8

@@ -77,11 +77,10 @@ def test_the_hash_covers_every_file_of_a_model(tiny_sam2, tiny_clip, tmp_path):
         assert model_hash(model, changed) != model_hash(model, keys)
 
 
-def test_a_missing_model_does_not_affect_others(tiny_sam2, tiny_clip, tmp_path, monkeypatch):
+def test_a_missing_model_does_not_affect_others(tiny_sam2, tiny_clip, folder):
     keys = keys_of(tiny_sam2, tiny_clip) | {"clip_checkpoint": "/nowhere/m.bin"}
     hashes = model_hashes({"models": keys})
     assert hashes == {"sam2_checkpoint": model_hash(SAM2, keys), "clip_checkpoint": "missing"}
-    monkeypatch.chdir(tmp_path)
     paper = resolve({"preset": "paper"}, PRESETS)
     assert model_hashes(paper) == {"sam2_checkpoint": "missing", "clip_checkpoint": "missing"}
 

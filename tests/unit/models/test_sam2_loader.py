@@ -152,8 +152,7 @@ BASE = "sam2.modeling.sam2_base.SAM2Base"
         (f"model: {{_target_: {BASE}, image_size: '${{nothing}}'}}", "describes no SAM2"),
     ],
 )
-def test_an_invalid_sam2_description_is_reported(tmp_path, monkeypatch, text, message):
-    monkeypatch.chdir(tmp_path)
+def test_an_invalid_sam2_description_is_reported(tmp_path, folder, text, message):
     (tmp_path / "own.yaml").write_text(text)
     with pytest.raises(UserError, match=f"own.yaml: .*{message}") as caught:
         build_predictor(tmp_path / "own.yaml")

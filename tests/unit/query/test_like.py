@@ -81,8 +81,7 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
         (["name", "1.2.3,0,0", "mug"], "asks for 2 things; give a place"),
     ],
 )
-def test_a_user_s_mistake_is_told(scene, run_command, tmp_path, monkeypatch, words, told):
-    monkeypatch.chdir(tmp_path)
+def test_a_user_s_mistake_is_told(scene, run_command, folder, words, told):
     Image.new("RGB", (8, 90)).save("small.png")
     Path("text.png").write_text("no picture")
     Path("old.json").write_text(json.dumps({"my mug": {"clip": "old", "features": []}}))

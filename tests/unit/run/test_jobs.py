@@ -22,9 +22,8 @@ CONFIG = resolve({"variants": VARIANTS}, PRESETS)
 
 
 @pytest.fixture
-def scenes(tmp_path, monkeypatch):
+def scenes(folder):
     """A synthetic scene, a recording that exists, one that does not, and a scene that is made by name alone."""
-    monkeypatch.chdir(tmp_path)
     Path("clip.mp4").touch()
     rows = [
         Scene("adt", "one", "adt", Path("results/adt/one/recording"), True, CONFIG),

@@ -74,8 +74,7 @@ def zipped(*names: str, content: bytes = b"x") -> bytes:
         ("DCIM", "DCIM/keyframes/cameras/1.json", b"x", "ns-process-data polycam --data "),
     ],
 )
-def test_what_is_no_recording_is_named(tmp_path, monkeypatch, given, file, content, said):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_no_recording_is_named(tmp_path, folder, given, file, content, said):
     Path("empty").mkdir()
     write_pictures(Path("DCIM/101"))
     if file:

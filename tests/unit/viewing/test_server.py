@@ -11,7 +11,6 @@ from urllib.parse import urlencode, urlsplit
 import pytest
 from PIL import Image
 
-from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.errors import UserError
 from egosplat.viewing import growing, words
 from egosplat.viewing.command import open_page
@@ -176,9 +175,8 @@ def test_a_scene_in_the_making_shows_what_is_there(page_scene, tmp_path, monkeyp
         for made in ("frames", "poses", "instances"):
             shutil.copytree(page_scene / f"{made}.zarr", tmp_path / f"{made}.zarr")
             wait_for(partial(lambda name: f'"{name}"' in ask(server, "/ask?")[1], drawn.get(made, "title")))
-        training = Checkpoint(tmp_path / "splats.zarr", "").picture
-        training.parent.mkdir()
-        Image.new("RGB", (8, 4)).save(training)
+        (checkpoint := tmp_path / ".splats.zarr.checkpoint").mkdir()
+        Image.new("RGB", (8, 4)).save(checkpoint / "training.png")
         wait_for(lambda: '"splats_sheet"' in ask(server, "/ask?")[1])
     assert open_page(page_scene, PageOptions(device="cpu"))[1]() == {}, "so its page takes its place"
 
