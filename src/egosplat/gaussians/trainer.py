@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -18,7 +19,7 @@ from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.corrections import Corrections, applied, make_corrections
 from egosplat.gaussians.density_control import DensityControl
-from egosplat.gaussians.evaluation import describe, evaluate, mean_known, rendered
+from egosplat.gaussians.evaluation import describe, evaluate, mean_known
 from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import Objective
 from egosplat.gaussians.model import PARAMETERS, Gaussians
@@ -204,11 +205,10 @@ def train_alone(state: TrainingState, views: Views, checkpoint: Checkpoint) -> N
 def draw(state: TrainingState, views: Views, output: Path) -> None:
     """Write a picture of the middle training view, and beside it what the Gaussians show of it so far, if the disk has room."""
     middle = len(views) // 2
-    with torch.no_grad():
-        pair = torch.cat([views.picture(middle), rendered(state.scene(views.camera), views, middle)], dim=1)
-    pixels = (255.0 * pair.flip(2)).round().byte().cpu().numpy()
+    shown = state.scene(views.camera).picture(views.camera, views.camera_to_world[middle])
+    pair = 255.0 * np.concatenate([views.picture(middle).cpu().numpy(), shown], axis=1)[..., ::-1]
     with contextlib.suppress(OSError), atomic_file(output) as scratch:
-        scratch.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+        scratch.write_bytes(cv2.imencode(".png", pair.round().astype(np.uint8))[1].tobytes())
 
 
 def iterate(state: TrainingState, views: Views, schedule: Schedule) -> None:
