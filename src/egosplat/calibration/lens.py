@@ -202,7 +202,7 @@ def read_camera_file(path: Path, width: int, height: int) -> Lens:
     """Read ``camera.json``; UserError if it is damaged, for pictures of another size than the given, or not possible."""
     try:
         entries = read_json(path)
-        numbers = [float(entries[key]) for key in _KEYS]
+        w, h, *pinhole = (float(entries[key]) for key in _KEYS)
         distortion = [float(entries.get(key, 0.0)) for key in _DISTORTION]
     except (OSError, ValueError, TypeError, KeyError, OverflowError) as error:
         raise UserError(
@@ -211,6 +211,6 @@ def read_camera_file(path: Path, width: int, height: int) -> Lens:
     if other := [key for key in entries if key not in (*_KEYS, *_DISTORTION)]:
         keys = ", ".join((*_KEYS, *_DISTORTION))
         raise UserError(f"{path}: {', '.join(other)[:200]}: not read; it has {keys}.")
-    if (numbers[0], numbers[1]) != (width, height):
-        raise UserError(f"{path}: for {numbers[0]:g}x{numbers[1]:g} px, but the frames are {width}x{height}.")
-    return Lens("OPENCV", width, height, (*numbers[2:], *distortion)).check(str(path))
+    if (w, h) != (width, height):
+        raise UserError(f"{path}: for {w:g}x{h:g} px, but the upright frames are {width}x{height}.")
+    return Lens("OPENCV", width, height, (*pinhole, *distortion)).check(str(path))

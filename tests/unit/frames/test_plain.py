@@ -94,7 +94,7 @@ def test_a_camera_is_guessed_and_marked_so_unless_a_companion_file_has_it(images
         (json.dumps(CALIBRATION | {"fx": -1}), "in pixels"),
         (json.dumps(CALIBRATION | {"cx": float("nan")}), r"\(cx, cy\) inside"),
         (json.dumps(CALIBRATION | {"k3": 0.1, "model": "fisheye"}), "k3, model: not read"),
-        (json.dumps(CALIBRATION | {"width": 65}), "for 65x48 px, but the frames are 64x48"),
+        (json.dumps(CALIBRATION | {"width": 65}), "for 65x48 px, but the upright frames are 64x48"),
     ],
 )
 def test_a_bad_calibration_is_named(images, content, problem):
