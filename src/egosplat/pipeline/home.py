@@ -120,9 +120,9 @@ def check_scene_folder(folder: Path, stages: Iterable[str]) -> None:
             # A variant shares what its last artifact is made from.
             what, made = ("variant", missing[-1:]) if match[2] else ("scene", missing)
             advice = f"Make the {what}: {make_command(*(folder / name for name in made))}"
-        others = map(str, [] if folder.exists() else folder.parent.glob("*/"))
-        if near := difflib.get_close_matches(str(folder), others, 1, 0.8):
-            advice = f"Did you mean {near[0]}? {advice}"
+        others = [] if folder.exists() else [other.name for other in folder.parent.glob("*/")]
+        if near := difflib.get_close_matches(folder.name, others, 1, 0.8):
+            advice = f"Did you mean {folder.with_name(near[0])}? {advice}"
         raise UserError(f"{folder}: {lack}. {advice}")
 
 
