@@ -4,7 +4,7 @@ import numpy as np
 from scipy import sparse
 
 from egosplat.arrays import Bools, Ints, Reals
-from egosplat.instances.lifted_masks import LEAST_SEEN, LiftedMasks, holds, masks_of
+from egosplat.instances.lifted_masks import INSIDE, LEAST_SEEN, LiftedMasks, holds, masks_of
 from egosplat.instances.merging import merge, rows_of
 
 _FEW_MASKS = 3
@@ -50,7 +50,7 @@ def _outlier_masks(masks: LiftedMasks, thing: Ints) -> Bools:
         for mask in mine:
             (gaussian, weight), (shown, seen) = votes[mask], frames[masks.frame[mask]]
             # A vote is all that is seen of the Gaussian in the frame.
-            member = weight >= LEAST_SEEN
+            member = weight >= INSIDE * LEAST_SEEN
             shared = weight[member & whole[gaussian]].sum()
             union = weight[member].sum() + seen[whole[shown] & (seen >= LEAST_SEEN)].sum() - shared
             dropped[mask] = shared < _DROP_IOU * union
