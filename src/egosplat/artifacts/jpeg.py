@@ -10,8 +10,6 @@ from zarr.core.array_spec import ArraySpec
 from zarr.core.buffer import Buffer, NDBuffer
 from zarr.registry import register_codec
 
-NAME = "egosplat.jpeg"
-
 
 @dataclass(frozen=True)
 class Jpeg(ArrayBytesCodec):
@@ -27,7 +25,7 @@ class Jpeg(ArrayBytesCodec):
 
     def to_dict(self) -> dict[str, Any]:
         """The codec as metadata."""
-        return {"name": NAME, "configuration": {"quality": self.quality}}
+        return {"name": "egosplat.jpeg", "configuration": {"quality": self.quality}}
 
     async def _encode_single(self, chunk_array: NDBuffer, chunk_spec: ArraySpec) -> Buffer:
         rates = [cv2.IMWRITE_JPEG_QUALITY, self.quality]
@@ -43,4 +41,4 @@ class Jpeg(ArrayBytesCodec):
         return chunk_spec.prototype.nd_buffer.from_numpy_array(np.ascontiguousarray(picture[None, ..., ::-1]))
 
 
-register_codec(NAME, Jpeg)
+register_codec("egosplat.jpeg", Jpeg)

@@ -57,5 +57,4 @@ def _sh_turn(rotation: Array, degree: int) -> Tensor:
     random = np.random.default_rng(0).normal(size=(_DIRECTIONS, 3))
     directions = torch.from_numpy(random / np.linalg.norm(random, axis=1, keepdims=True))
     turned = directions @ torch.from_numpy(rotation).T
-    found = torch.linalg.lstsq(sh_basis(degree, turned), sh_basis(degree, directions)).solution
-    return found.float()
+    return torch.linalg.lstsq(sh_basis(degree, turned), sh_basis(degree, directions)).solution.float()

@@ -123,8 +123,7 @@ def _are_one(rest: Rest, other: Rest) -> bool:
     if np.linalg.norm(rest.center - other.center) > _ONE * min(rest.radius, other.radius):
         return False
     (first, last), (begin, end) = rest.frames, other.frames
-    both = min(last, end) - max(first, begin)
-    return both >= min(last - first, end - begin) / 2
+    return min(last, end) - max(first, begin) >= min(last - first, end - begin) / 2
 
 
 def _learn(end: End, views: Sequence[PlaceView], seconds: Array, recording: Recording) -> Rest | None:

@@ -74,8 +74,7 @@ def _claimed_things(masks: LiftedMasks, thing: Ints, weight: Reals) -> list[int]
 def _holds(masks: LiftedMasks, chosen: Ints) -> Bools:
     """(N,) bool, Gaussians that belong to the union of masks."""
     votes = np.asarray(masks.votes[:, chosen].sum(1)).ravel()
-    seen = masks.seen[np.unique(masks.frame[chosen])].sum(0)
-    return holds(votes, seen)
+    return holds(votes, masks.seen[np.unique(masks.frame[chosen])].sum(0))
 
 
 def beliefs(masks: LiftedMasks, thing: Ints) -> sparse.csr_array:

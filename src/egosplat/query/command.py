@@ -94,8 +94,7 @@ def list_answers(
 ) -> list[dict[str, Any]]:
     """Answer queries for JSON. Raises as ``run``, but refuses no question."""
     viewpoint = _viewpoint_at(scene, viewpoint, at)
-    answers = scene.reply(scene.read(phrases), most, viewpoint)
-    return [describe(scene, answer, at) for answer in answers]
+    return [describe(scene, answer, at) for answer in scene.reply(scene.read(phrases), most, viewpoint)]
 
 
 def describe(scene: Scene, answer: Answer, at: float | None = None) -> dict[str, Any]:

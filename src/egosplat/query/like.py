@@ -100,8 +100,7 @@ class Looks:
         """The similarity of each thing with some of the ``rows``, and its own, the most alike first; by decreasing similarity."""
         rows = rows[np.lexsort((-fits[rows], self.instance[rows]))]
         things = np.split(rows, np.flatnonzero(np.diff(self.instance[rows])) + 1) if len(rows) else []
-        scored = ((float(fits[own[:_BEST]].mean()), own) for own in things)
-        return sorted(scored, key=lambda one: -one[0])
+        return sorted(((float(fits[own[:_BEST]].mean()), own) for own in things), key=lambda one: -one[0])
 
     def _thing(self, similarity: float, rows: Ints) -> Alike:
         number, best = int(self.instance[rows[0]]), rows[0]

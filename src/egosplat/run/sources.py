@@ -28,6 +28,7 @@ from egosplat.files import atomic_directory
 from egosplat.frames.native_log import captured_log
 from egosplat.frames.pictures import stride_for
 from egosplat.frames.video import open_source, open_video
+from egosplat.progress import log
 
 _TAKES = "Give a video, a folder or .zip of photographs, a COLMAP or nerfstudio folder, or a .vrs"
 
@@ -78,8 +79,8 @@ def read_source(given: Path, unpacked: Path, known_poses: str = AUTO) -> Source:
         return _read_folder(find_recording(path if path.is_dir() else unpack(path, unpacked)), known_poses)
     if suffix == ".vrs":
         return _read_glasses(path)
-    if suffix in PICTURES:
-        raise UserError(f"{given}: is one picture; give the folder of all pictures, {path.parent}")
+    if suffix in PICTURES or path.name in KNOWN_POSES.values():
+        raise UserError(f"{given}: is one file of a recording; give its folder, {path.parent}")
     if suffix not in _VIDEOS:
         raise UserError(f"{given}: is no video by its name, such as .mp4. {_TAKES}")
     return _read_video(path, known_poses)
@@ -110,12 +111,15 @@ def _videos(folder: Path) -> list[Path]:
 def _read_folder(folder: Path, known_poses: str) -> Source:
     if (video := adt_video(folder)).exists():
         return _read_glasses(video)
+    videos = _videos(folder)
     if not _has_recording(folder):
-        others = _videos(folder) or [inner for inner in _folders(folder) if _has_recording(inner)]
+        others = videos or [inner for inner in _folders(folder) if _has_recording(inner)]
         if others:
             names = ", ".join(path.name for path in others[:3])
             told = f"{folder}: holds no pictures, but {names}; give one of them, such as {others[0]}"
             raise UserError(". ".join(filter(None, (told, other_poses(folder)))))
+    elif videos:
+        log(f"{folder}: takes its pictures, and not {videos[0].name} beside them")
     kind = find_known_poses(folder, known_poses)
     count = len(open_source(folder, kind).pictures)
     poses = "" if kind is None else f" with poses ({KNOWN_POSES[kind]})"

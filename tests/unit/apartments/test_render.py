@@ -136,8 +136,7 @@ def test_sun_shines_through_windows_only():
     # On the way to the window plane z = -2, a ray from (x, 0, z) rises by 0.75 (z + 2).
     points = np.array([[0, 0, 0], [0, 0, -1], [0.6, 0, 0], [0, 0, 1.0]], np.float32)
     up = np.tile(np.array([0, 1, 0], np.float32), (4, 1))
-    lit = dark.direct([], points, up)[:, 0] > 0
-    assert lit.tolist() == [True, False, False, False]
+    assert (dark.direct([], points, up)[:, 0] > 0).tolist() == [True, False, False, False]
 
 
 def test_textures_show_their_mean_from_afar_and_texels_from_near():

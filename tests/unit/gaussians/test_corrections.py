@@ -36,8 +36,7 @@ OPTIONS = TrainingOptions(render=SETTINGS, iterations=60, max_gaussians=60, eval
 
 
 def view_sets(pictures, poses) -> list:
-    sets = ((0, 1, 2, 3, 5, 6, 7, 8), (4,))
-    return [views_of(pictures, poses, *rows) for rows in sets]
+    return [views_of(pictures, poses, *rows) for rows in ((0, 1, 2, 3, 5, 6, 7, 8), (4,))]
 
 
 @pytest.fixture

@@ -25,15 +25,13 @@ EXTENT = 1.0
 
 @pytest.fixture
 def view_sets(pictures, camera_to_world) -> list:
-    sets = ((0, 1, 3, 5, 7, 8), (4,))
-    return [views_of(pictures, camera_to_world, *rows) for rows in sets]
+    return [views_of(pictures, camera_to_world, *rows) for rows in ((0, 1, 3, 5, 7, 8), (4,))]
 
 
 @pytest.fixture
 def start(points) -> Gaussians:
     xyz, rgb = points
-    grey = np.full_like(rgb, 128)
-    return from_points(xyz, grey, sh_degree=1, max_points=1000, seed=0)
+    return from_points(xyz, np.full_like(rgb, 128), sh_degree=1, max_points=1000, seed=0)
 
 
 @pytest.fixture

@@ -114,8 +114,7 @@ def test_a_benchmark_has_its_protocol_and_the_user_s_key_wins():
 def test_variants_of_the_user_stand_beside_the_default_ones():
     mine = {"features": {"dims": 3}}
     found = config.resolve({"variants": {"mine": mine, "baseline": mine}}, PRESETS)["variants"]
-    default = config.defaults()["variants"]
-    assert found == default | {"mine": mine, "baseline": mine}
+    assert found == config.defaults()["variants"] | {"mine": mine, "baseline": mine}
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,8 @@ def zipped(*names: str, content: bytes = b"x") -> bytes:
         ("DCIM", "DCIM/100/0.png", b"x", "100, 101; give one"),
         ("notes.txt", "notes.txt", b"no recording", "notes.txt: is no video"),
         ("clip.mp4", "clip.mp4", b"no recording", "clip.mp4: not a video"),
-        ("one.jpg", "one.jpg", b"x", "one.jpg: is one picture; give the folder"),
+        ("one.jpg", "one.jpg", b"x", "one.jpg: is one file of a recording; give its folder"),
+        ("transforms.json", "transforms.json", b"{}", "transforms.json: is one file of a recording"),
         ("photos", "photos/a.jpg", b"no picture", "a.jpg: "),
         ("my.vrs", "my.vrs", b"x", "video.vrs or recording.vrs"),
         ("video.vrs", "video.vrs", b"x", "mps/slam/closed_loop_trajectory.csv: does not exist"),
@@ -97,10 +98,14 @@ def test_what_is_no_recording_is_named(tmp_path, folder, given, file, content, s
 def test_poses_that_are_not_read_are_told(tmp_path, capsys, name, told):
     write_pictures(folder := tmp_path / "capture/images")
     (folder / "transforms_gone.json").symlink_to("nowhere")
+    (folder / "clip.mp4").touch()
     (path := folder.parent / name).parent.mkdir(parents=True, exist_ok=True)
     path.write_text('{"poses": [], "frames": []}')
     read_source(folder, tmp_path / "r")
-    assert f"{path}: these poses are not read; {told}" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert (
+        f"{path}: these poses are not read; {told}" in said and "takes its pictures, and not clip.mp4" in said
+    )
 
 
 def test_a_scene_has_the_name_of_its_file():

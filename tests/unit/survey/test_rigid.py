@@ -28,8 +28,7 @@ def visible_points(pose: np.ndarray, seed: int) -> np.ndarray:
 
 def project_rotated(points: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """(N, 2) pixels of points in the second camera, rotated to the orientation of the first."""
-    turned = make_pose(first[:3, :3], second[:3, 3])
-    return CAMERA.project(transform(invert(turned), points))
+    return CAMERA.project(transform(invert(make_pose(first[:3, :3], second[:3, 3])), points))
 
 
 def view(first: np.ndarray, second: np.ndarray) -> View:
