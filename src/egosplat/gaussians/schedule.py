@@ -47,8 +47,7 @@ class Schedule:
 
     def densifies(self, iteration: int) -> bool:
         """Whether density control grows and prunes after this iteration."""
-        inside = self.densify_from < iteration < self.densify_until
-        return inside and iteration % self.densify_every == 0
+        return self.densify_from < iteration < self.densify_until and iteration % self.densify_every == 0
 
     def resets_opacity(self, iteration: int) -> bool:
         """Whether opacities are reset after this iteration (3DGS: 3,000, 6,000, 9,000 and 12,000)."""

@@ -186,6 +186,7 @@ def resume_and_train(state: TrainingState, views: Views, held_out: Views, checkp
             evaluated = iteration % options.evaluate_every == 0 and not schedule.resets_opacity(iteration)
             if evaluated or last:
                 measure(state, held_out)
+            if last or iteration % max(options.evaluate_every // 2, 1) == 0:
                 draw(state, views, checkpoint.picture)
             if recorded:
                 checkpoint.save_if_due(state.state_dict)
