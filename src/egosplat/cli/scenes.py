@@ -88,10 +88,8 @@ def query(
         raise click.UsageError("give words, or a picture: --like crop.png")
     if as_json and output:
         raise click.UsageError("--output: goes without --json, which draws no picture")
-    check_scene_folder(folder, ASKED)
-    output = output or folder / "query.png"
-    if not as_json:
-        check_output(output, "query.png", overwrite=overwrite)
+    # With --json nothing is written, and the scene may be one that nobody may write to.
+    output = folder if as_json else _check_paths(folder, ASKED, "query.png", output, overwrite)
     with without_collection():
         from egosplat.query import like as pictures
         from egosplat.query.command import describe, list_answers, run

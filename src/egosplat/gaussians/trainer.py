@@ -7,9 +7,8 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import torch
+from PIL import Image
 from torch import Tensor
 
 from egosplat.artifacts.checkpoint import Checkpoint
@@ -19,7 +18,7 @@ from egosplat.errors import UserError
 from egosplat.files import atomic_file
 from egosplat.gaussians.corrections import Corrections, applied, make_corrections
 from egosplat.gaussians.density_control import DensityControl
-from egosplat.gaussians.evaluation import describe, evaluate, mean_known
+from egosplat.gaussians.evaluation import describe, develop, evaluate, mean_known
 from egosplat.gaussians.initialization import scene_extent, starting_gaussians
 from egosplat.gaussians.loss import Objective
 from egosplat.gaussians.model import PARAMETERS, Gaussians
@@ -165,9 +164,11 @@ RECORD_EVERY = 10
 _BAD_RECORDS = 3
 
 
-def resume_and_train(state: TrainingState, views: Views, held_out: Views, checkpoint: Checkpoint) -> None:
-    """Train from the checkpoint, if there is one, until the last iteration; changes ``state``. UserError:
-    training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again."""
+def resume_and_train(
+    state: TrainingState, views: Views, held_out: Views, checkpoint: Checkpoint, *, shown: bool = False
+) -> None:
+    """Train from the checkpoint, if there is one, until the last iteration; changes ``state``. ``shown``: the checkpoint's picture
+    is drawn. UserError: training diverges, or no Gaussian is left. It removes the checkpoint: resuming would fail again."""
     if (saved := checkpoint.load()) is not None:
         state.load_state_dict(saved)
         log(f"training resumes after iteration {state.iteration}")
@@ -186,7 +187,7 @@ def resume_and_train(state: TrainingState, views: Views, held_out: Views, checkp
             evaluated = iteration % options.evaluate_every == 0 and not schedule.resets_opacity(iteration)
             if evaluated or last:
                 measure(state, held_out)
-            if last or iteration % max(options.evaluate_every // 2, 1) == 0:
+            if shown and (last or iteration % max(options.evaluate_every // 2, 1) == 0):
                 draw(state, views, checkpoint.picture)
             if recorded:
                 checkpoint.save_if_due(state.state_dict)
@@ -206,10 +207,10 @@ def train_alone(state: TrainingState, views: Views, checkpoint: Checkpoint) -> N
 def draw(state: TrainingState, views: Views, output: Path) -> None:
     """Write a picture of the middle training view, and beside it what the Gaussians show of it so far, if the disk has room."""
     middle = len(views) // 2
-    shown = state.scene(views.camera).picture(views.camera, views.camera_to_world[middle])
-    pair = 255.0 * np.concatenate([views.picture(middle).cpu().numpy(), shown], axis=1)[..., ::-1]
+    shown = develop(state.scene(views.camera), views.camera, views.camera_to_world[middle], None, None)
+    pair = torch.cat([views.pictures[middle], shown.cpu()], dim=1)
     with contextlib.suppress(OSError), atomic_file(output) as scratch:
-        scratch.write_bytes(cv2.imencode(".png", pair.round().astype(np.uint8))[1].tobytes())
+        Image.fromarray(pair.numpy()).save(scratch, format="PNG")
 
 
 def iterate(state: TrainingState, views: Views, schedule: Schedule) -> None:

@@ -110,7 +110,7 @@ def run(
         objective = JointLanguage(training.ssim_lambda, targets)
     state = begin(poses, views, training, objective, options)
     checkpoint = Checkpoint(output, provenance.key_of(record))
-    resume_and_train(state, views, held_out, checkpoint)
+    resume_and_train(state, views, held_out, checkpoint, shown=True)
     _write(output, record, state, views, held_out, poses, masking)
     checkpoint.remove()
 

@@ -41,7 +41,7 @@ def trained(view_sets, start, tmp_path):
     def run(view_sets: list = view_sets, **changes: object) -> TrainingState:
         options = replace(OPTIONS, **changes)
         state = TrainingState(start.select(torch.arange(start.count)), options, EXTENT, L1Ssim(0.2))
-        resume_and_train(state, *view_sets, Checkpoint(tmp_path / "none.zarr", "", 3600.0))
+        resume_and_train(state, *view_sets, Checkpoint(tmp_path / "none.zarr", "", 3600.0), shown=True)
         return state
 
     return run
