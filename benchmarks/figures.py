@@ -1,18 +1,24 @@
 """Scores, their intervals and paired differences, computed from rows."""
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import pandas as pd
 
 from benchmarks.common import markdown
+from benchmarks.intervals.differences import paired_difference
 from benchmarks.presence.__main__ import fitted
 from benchmarks.rows import Rows
-from benchmarks.scores import format_difference
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters, cluster, clustered_interval, mean_of_scenes
 from egosplat.evaluation.scores import CHANCE
 from egosplat_rivals.scored_scenes import FULL, PIXELS
+
+# How intervals and p values are computed, for the first lines of a page.
+METHOD = (
+    "Scores have 95 % intervals of a bootstrap over categories and scenes. Differences have p, and the 95 % interval that agrees with "
+    "it, from sign flips of each scene's categories; for other scenes, a t interval of the scenes' means where it is wider."
+)
 
 # Column of the queries that each score averages, its scale, and how it is written.
 SCORES = {"accuracy": ("hit", 100, ".0f", " %"), "mean_iou": ("iou", 1, ".2f", "")}
@@ -52,10 +58,41 @@ def difference(rows: Rows, one: str, other: str, name: str, group: str = "all") 
     return format_difference(by_scene(pair(rows, one, other, SCORES[name][0], group), "difference"))
 
 
+def format_difference(scenes: Sequence[Clusters]) -> str:
+    """A ``paired_difference`` in points, such as ``+3.1 (-2.0 to +8.2), p = 0.24``; - for nothing."""
+    if not scenes:
+        return "-"
+    mean, interval, p, over_scenes = paired_difference(scenes)
+    # Three digits where two would put p on the other side of the interval's limit.
+    told = f"{p:.2g}" if (p < 0.05) == (float(f"{p:.2g}") < 0.05) else f"{p:.3g}"
+    beside = f"; t over apartments: {_bounds(over_scenes)}" if over_scenes else ""
+    return f"{_points(mean)} ({_bounds(interval)}), {'p < 0.001' if p < 0.001 else f'p = {told}'}{beside}"
+
+
+def _bounds(interval: tuple[float, float]) -> str:
+    return f"{_points(interval[0])} to {_points(interval[1])}"
+
+
+def _points(difference: float) -> str:
+    """Only zero itself has no sign."""
+    return f"{100 * difference:+.1f}" if difference else "0.0"
+
+
 def pair(rows: Rows, one: str, other: str, column: str, group: str = "all") -> pd.DataFrame:
     """The queries that two settings share, with the ``difference`` of a column."""
-    mine, theirs = (rows.of("queries", name, group=group) for name in (one, other))
-    paired = mine.merge(theirs, on=KEYS, suffixes=("", "_other"))
+    return _paired(rows, "queries", KEYS, (one, other), column, group)
+
+
+def pair_frames(rows: Rows, one: str, other: str, group: str = "all") -> pd.DataFrame:
+    """The held-out frames that two settings share, with the ``difference`` of their PSNR."""
+    return _paired(rows, "frames", KEYS[:2], (one, other), "psnr", group)
+
+
+def _paired(
+    rows: Rows, table: str, keys: list[str], settings: tuple[str, str], column: str, group: str
+) -> pd.DataFrame:
+    mine, theirs = (rows.of(table, name, group=group) for name in settings)
+    paired = mine.merge(theirs, on=keys, suffixes=("", "_other"))
     return paired.assign(difference=paired[column] - paired[f"{column}_other"])
 
 
@@ -154,7 +191,7 @@ def difference_table(rows: Rows, world: str | None = None) -> str:
 
 def chance_line(rows: Rows, world: str | None = None) -> str:
     """A sentence on blind answers, over the scenes of a world or all."""
-    parts = (f"{name} {chance(rows.within(world), FULL, key)}" for key, name in CHANCE.items())
+    parts = (f"{name} {chance(rows.within(world), rows.settings[0], key)}" for key, name in CHANCE.items())
     return f"Found by chance: {', '.join(parts)}."
 
 

@@ -12,9 +12,8 @@ from pathlib import Path
 import click
 
 from benchmarks.common import command, scene_folders
-from benchmarks.figures import chance_line, difference_table, score_table
+from benchmarks.figures import METHOD, chance_line, difference_table, score_table
 from benchmarks.rows import collect_page, rows_option
-from benchmarks.scores import METHOD
 from egosplat_rivals.scored_scenes import FULL
 
 VARIANTS = ("frame_masks", "plain_mean", "own", "consistent", "no_masks", "network_masks")

@@ -10,9 +10,10 @@ from typing import Any
 import yaml
 
 from benchmarks.common import ROOT, markdown
-from benchmarks.scores import METHOD, SCORES, format_score, psnr
+from benchmarks.figures import METHOD, score_table
+from benchmarks.rows import collect, read_scenes
 from egosplat.errors import UserError
-from egosplat_rivals.scored_scenes import ScoredScene, check_protocol, read_scored_scene
+from egosplat_rivals.scored_scenes import ScoredScene
 
 SCENE = Path("results/adt/scene1")
 
@@ -76,8 +77,10 @@ def report(folder: Path) -> str:
     Raises:
         UserError: scores are missing, or cannot be compared.
     """
-    scenes = {name: read_scored_scene(folder / metrics_of(name)) for name in RUNS}
-    return "\n\n".join([costs(scenes), METHOD, scores(scenes)])
+    variants = {name: variant_of(name) if changed else None for name, changed in RUNS.items()}
+    found = read_scenes([folder / SCENE], variants)
+    scenes = {name: scene for name, (scene,) in found.items()}
+    return "\n\n".join([costs(scenes), METHOD, score_table(collect("gpu", found))])
 
 
 def costs(scenes: Mapping[str, ScoredScene]) -> str:
@@ -109,14 +112,3 @@ def cells_of(record: Mapping[str, Any] | None) -> list[str]:
         f"{record['peak_memory_mb'] / 1024:.1f}",
         "" if gpu is None else f"{gpu / 1024:.1f}",
     ]
-
-
-def scores(scenes: Mapping[str, ScoredScene]) -> str:
-    """A row of scores for each run."""
-    check_protocol([*scenes.values()])
-    rows = []
-    for name, scene in scenes.items():
-        cells = [scene.cell(*score) for score in SCORES]
-        rows.append([name, cells[0].queries, *map(format_score, cells), f"{psnr(scene, 'static'):.2f}"])
-    columns = ["run", "queries", "accuracy", "static", "movable", "mIoU", "PSNR, static [dB]"]
-    return markdown(columns, rows)

@@ -14,35 +14,35 @@ from pathlib import Path
 import click
 
 from benchmarks.common import command, markdown, scene_folders
-from benchmarks.rows import collect_page, rows_option
-from benchmarks.scores import METHOD, accuracy_difference, iou_difference, pair_answers, psnr, seconds
+from benchmarks.figures import METHOD, difference, psnr
+from benchmarks.rows import Rows, collect_page, rows_option, world_of
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import INSTANCES
 from egosplat.pipeline.home import title_of
 from egosplat.pipeline.validation import read_document
-from egosplat_rivals.scored_scenes import FULL, read_scored_scene
+from egosplat_rivals.scored_scenes import FULL
+
+ANYWAY = "anyway"
 
 
-def row(folder: Path) -> dict[str, object]:
+def row(folder: Path, rows: Rows) -> dict[str, object]:
     """A scene's cells by column."""
-    own, anyway = (read_scored_scene(folder / below / "metrics.json") for below in ("", "variants/anyway"))
+    own, anyway = (rows.of("runs", setting) for setting in (FULL, ANYWAY))
     survey = read_document(folder / "survey.json", "survey")
     facts = open_artifact(folder / "instances.zarr", INSTANCES).facts
-    pair = pair_answers(own, anyway)
-    took, would = seconds(own) + survey["provenance"]["cpu_s"], seconds(anyway)
+    took, would = own["cpu_s"].sum(), anyway["cpu_s"].sum() - survey["provenance"]["cpu_s"]
     return {
         "scene": title_of(folder),
         "motion": "left out" if survey["motion"]["masking"] == "none" else "masked",
         "levels": ", ".join(name for name in facts["levels"] if facts["instances"][name]),
-        "queried objects": own.document["counts"]["annotated_instances"],
         "frames left out": f"{len(survey['views']['left_out'])} of {survey['poses']['frames']}",
-        "dimensions": own.document["counts"]["code_channels"],
         "CPU-s": f"{took:.0f}",
         "anyway": f"{would:.0f}",
         "saved": f"{1 - took / would:.0%}",
-        "accuracy": accuracy_difference([pair]),
-        "mIoU": iou_difference([pair]),
-        "static PSNR": f"{psnr(own, 'static') - psnr(anyway, 'static'):+.2f}",
+        "accuracy": difference(rows, FULL, ANYWAY, "accuracy"),
+        "mIoU": difference(rows, FULL, ANYWAY, "mean_iou"),
+        "static PSNR": psnr(rows, FULL, "static"),
+        "anyway's": psnr(rows, ANYWAY, "static"),
     }
 
 
@@ -51,11 +51,11 @@ def row(folder: Path) -> dict[str, object]:
 @rows_option
 def main(folders: tuple[Path, ...], rows: Path | None) -> None:
     """Print the table."""
-    collect_page("required", folders, {FULL: None, "anyway": "anyway"}, rows)
-    cells = [row(folder) for folder in folders]
+    found = collect_page("required", folders, {FULL: None, ANYWAY: ANYWAY}, rows)
+    cells = [row(folder, found.within(world_of(title_of(folder)))) for folder in folders]
     click.echo(
         "# Only what a scene requires\n\nAgainst computing everything: `python -m benchmarks.required`. Differences on the "
-        f"same queries in percentage points and dB; above 0, the scene is better than `anyway`. {METHOD}\n"
+        f"same queries in percentage points; above 0, the scene is better than `anyway`. {METHOD}\n"
     )
     click.echo(markdown(list(cells[0]), [list(one.values()) for one in cells], words=3))
 

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.figures import difference_table
+from benchmarks.figures import difference, difference_table, format_difference, pair
 from benchmarks.rows import collect
-from benchmarks.scores import accuracy_difference, format_difference, iou_difference, pair_answers, queries_of
 from egosplat.errors import UserError
 from egosplat.evaluation.intervals import Clusters
 from egosplat_rivals.scored_scenes import ScoredScene
@@ -21,28 +20,15 @@ def truth(hit: bool, iou: float) -> dict:
     return {"hit": hit, "iou": iou, "random_hit": 0.05, "middle_hit": False}
 
 
-def answered(*found: tuple[str, bool, float], decibels: float = 20.0, name: str = "scene1") -> ScoredScene:
+def answered(*found: tuple[str, bool, float], name: str = "scene1") -> ScoredScene:
     """Queries of a category each with whether they were found, and their IoU."""
     rows = [
         {"frame": frame, "category": category, "groups": {"all": truth(hit, iou)}}
         for frame, (category, hit, iou) in enumerate(found)
     ]
-    share = sum(hit for _, hit, _ in found) / len(found)
-    score = {
-        "accuracy": share,
-        "accuracy_interval": [share - 0.1, share + 0.1],
-        "mean_iou": None,
-        "mean_iou_interval": None,
-        "count": len(found),
-        "categories": len({category for category, _, _ in found}),
-        "random_pixel": 0.05,
-        "middle_pixel": 0.15,
-    }
     document = {
         "origin": "synthetic",
-        "scores": dict.fromkeys(("all", "static", "dynamic"), score),
         "queries": rows,
-        "rendering": {group: {"psnr": decibels} for group in ("all", "static")},
         "provenance": OPTIONS,
         "artifacts": {},
         "frames": [],
@@ -86,11 +72,12 @@ def test_one_thing_seen_in_many_frames_is_one_difference():
     """Ten frames of one category that only one of two finds: no evidence about other categories."""
     things = [(f"thing {n}", True, 0.5) for n in range(9)]
     mine, theirs = (answered(*[("cup", hit, 0.5)] * 10, *things) for hit in (True, False))
-    pair = pair_answers(mine, theirs)
-    assert (queries_of([pair]), len(pair.hits.counts)) == (19, 10)
-    assert accuracy_difference([pair]) == "+52.6 (0.0 to +83.3), p = 1"
-    assert iou_difference([pair]) == "0.0 (-27.8 to +27.8), p = 1"
-    assert iou_difference([]) == "-"
+    rows = collect("ablation", {"mine": [mine], "theirs": [theirs]})
+    queries = pair(rows, "mine", "theirs", "hit")
+    assert (len(queries), queries["category"].nunique()) == (19, 10)
+    assert difference(rows, "mine", "theirs", "accuracy") == "+52.6 (0.0 to +83.3), p = 1"
+    assert difference(rows, "mine", "theirs", "mean_iou") == "0.0 (-27.8 to +27.8), p = 1"
+    assert format_difference([]) == "-"
 
 
 def test_a_p_just_below_the_limit_is_not_rounded_to_it():

@@ -16,17 +16,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.common import ROOT, command, markdown, scene_folders, survey_of
-from benchmarks.scores import (
-    METHOD,
-    SCORES,
-    accuracy_difference,
-    chance,
-    format_score,
-    iou_difference,
-    pair_answers,
-    queries_of,
-)
+from benchmarks.common import ROOT, command, scene_folders, survey_of
+from benchmarks.figures import METHOD, chance_line, difference, score_table
+from benchmarks.rows import collect
 from benchmarks.transient.truth import read_truth
 from egosplat.artifacts import provenance
 from egosplat.artifacts.reader import Artifact, open_artifact
@@ -41,7 +33,6 @@ from egosplat_rivals.scored_scenes import ScoredScene, read_scored_scene
 
 PRESETS = ROOT / "config" / "presets"
 TARGETS = ("view", "inliers")
-COLUMNS = ("scene", "instances", "supervision", "queries", "accuracy", "static", "dynamic", "mIoU")
 
 
 def write_true_instances(folder: Path, output: Path) -> None:
@@ -108,27 +99,23 @@ def run(stage: str, config: Config, **paths: object) -> None:
 @scene_folders
 def main(folders: tuple[Path, ...]) -> None:
     """Print the table."""
-    rows, pairs, scenes = [], [], []
-    for folder in folders:
-        log(f"{folder}")
-        with TemporaryDirectory() as name:
-            work, config = Path(name), configuration.resolve({}, PRESETS)
+    found: dict[str, list[ScoredScene]] = {target: [] for target in TARGETS}
+    config = configuration.resolve({}, PRESETS)
+    with TemporaryDirectory() as name:
+        for folder in folders:
+            log(f"{folder}")
+            work = Path(name, *folder.parts[-2:])
+            work.mkdir(parents=True)
             write_true_instances(folder, work / "instances.zarr")
             shown = {"frames": folder / "frames.zarr", "instances": work / "instances.zarr"}
             run("view_features", config, **shown, output=work / "view_features.zarr")
-            found = {target: score(folder, work, target) for target in TARGETS}
-        for target, one in found.items():
-            cells = [one.cell(*score) for score in SCORES]
-            rows.append([title_of(folder), "true", target, cells[0].queries, *map(format_score, cells)])
-        scenes.append(found["inliers"])
-        pairs.append(pair_answers(found["inliers"], found["view"]))
+            for target, scenes in found.items():
+                scenes.append(score(folder, work, target))
+        rows = collect("true_instances", found)
+    told = (difference(rows, *reversed(TARGETS), score) for score in ("accuracy", "mean_iou"))
     click.echo(
-        "# Consistent features with true tracks\n\n`python -m benchmarks.true_instances`. Accuracy and mIoU in percent. "
-        f"{METHOD} {chance(scenes)}\n\n{markdown(COLUMNS, rows, words=3)}\n"
-    )
-    click.echo(
-        f"`inliers` against `view` on the same {queries_of(pairs)} queries, in percentage points: accuracy "
-        f"{accuracy_difference(pairs)}, mIoU {iou_difference(pairs)}."
+        f"# Consistent features with true tracks\n\n`python -m benchmarks.true_instances`. {METHOD} {chance_line(rows)}\n\n"
+        f"{score_table(rows)}\n\n`inliers` against `view`, in percentage points: accuracy, mIoU {', '.join(told)}."
     )
 
 
