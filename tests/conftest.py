@@ -38,8 +38,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection() -> Generator[None, object, object]:
-    """Look for no garbage among imports and tests, which stay: that is a sixth of the collection's time in
-    each process. While tests run, it would be a twentieth of their time."""
+    """Look for no garbage among imports and tests, which stay: a sixth of the collection's time, a twentieth of the tests'."""
     gc.disable()
     try:
         return (yield)
@@ -66,9 +65,8 @@ TOGETHER = ("tests/unit/apartments/",)
 
 @pytest.fixture(scope="module", autouse=True)
 def number_of_threads() -> Iterator[None]:
-    """Give PyTorch its number of threads back after each file. numba, which reads .spz files, sets it to the
-    number of cores, and so do scripts of training. Several test processes with several threads each take ten
-    times as long, because the threads wait for one another."""
+    """Give PyTorch its number of threads back after each file. numba, which reads .spz files, sets it to the number of cores, and so do
+    scripts of training. Several processes with several threads each take ten times as long: threads wait for one another."""
     torch = sys.modules.get("torch")  # not imported for files that do not need it
     before = torch.get_num_threads() if torch else None
     yield

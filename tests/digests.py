@@ -1,7 +1,6 @@
-"""Run three small scenes, and compare each array and each answer with a committed list: ``python -m
-tests.digests``. A change of the code's structure keeps them all; another change says which it moves. The list
-holds for one kind of processor, because sums in another order round differently. ``--write`` makes it anew,
-``--only NAME`` runs one scene. About ten CPU-minutes."""
+"""Run three small scenes, and compare each array and each answer with a committed list: ``python -m tests.digests``. A change of the
+code's structure keeps them all; another change says which it moves. The list holds for one kind of processor, because sums in another
+order round differently. ``--write`` makes it anew, ``--only NAME`` runs one scene. About ten CPU-minutes."""
 
 import argparse
 import hashlib

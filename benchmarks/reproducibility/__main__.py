@@ -3,7 +3,7 @@
     python -m benchmarks.reproducibility --work /tmp/reproducibility > benchmarks/reproducibility/README.md
 
 Needs a processor with AVX-512, and about 25 minutes of two cores. A run that was ended goes on with the limit it was at. The reading
-below the tables is written by hand, in benchmarks.reproducibility/reading.md.
+below the tables is written by hand, in benchmarks.reproducibility/reading.txt.
 """
 
 import json
@@ -80,7 +80,7 @@ def page(work: Path) -> str:
     """The page in Markdown."""
     found = {limit.name: compared(work, limit) for limit in LIMITS}
     stages = [[f"`{stage}`", *(cell(one[stage]) for one in found.values())] for stage in INPUTS]
-    text = Path(__file__).with_name("reading.md").read_text().strip()
+    text = Path(__file__).with_name("reading.txt").read_text().strip()
     places = {
         "MACHINE": provenance.machine(),
         "STAGES": markdown(["stage", *found], stages, words=1 + len(found)),

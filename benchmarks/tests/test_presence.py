@@ -1,5 +1,6 @@
 """The probability that an answer is right: how it is fitted, and how it moves to other shares of present things."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -124,6 +125,7 @@ def test_grades_of_a_scene_follow_judgements_of_its_user(word_scene):
         assert done.exit_code == 0 and "10 right, 4 wrong, 12 absent" in done.output
         assert len(read_fits(own)) == 1
     assert scene.grading().calibration not in (shipped.calibration, None)
+    assert replace(scene, checked=True).grading() == shipped, "no stage knows of it"
     assert scene.ask(answers[0].phrase)[0].grade == "found"
     assert open_scene(scene.folder, min_score=0.6).grading().measure == "score", "it holds for its keys alone"
     own.write_text("clip,intercept\nx,y\n")

@@ -12,13 +12,13 @@ from torch import Tensor
 from egosplat.errors import from_extra
 from egosplat.features.compression import fit_linear
 from egosplat.gaussians.model import Gaussians
-from egosplat.language.lifting import lift
+from egosplat.language.lifting import LEAST_WEIGHT, labeled_share
 from egosplat.language.method import Coded, Method
 from egosplat.language.options import LanguageOptions
 from egosplat.language.targets import CodeTargets
 from egosplat.language.views import CodeViews
 from egosplat.progress import track
-from egosplat.rasterize.view import composite_sparse
+from egosplat.rasterize.view import composite_sparse, sum_over_pixels
 from egosplat_rivals.langsplat import codes_to_render
 
 # Published: factor of the logits of opacities; least IoU of a mask with its cluster.
@@ -28,9 +28,8 @@ SHARPENING, AGREEMENT = 1.2, 0.8
 def lift_clusters(views: CodeViews, targets: CodeTargets, options: LanguageOptions, *_: object) -> Coded:
     """Method ``lift_clusters``: lifted codes; those of a cluster become the mean code of the masks that agree with it.
 
-    Each level is clustered by itself. Gaussians in no cluster, or in one that no mask agrees with, keep their lifted
-    code. UserError if scikit-learn is not installed.
-    """
+    Each level is clustered by itself. Gaussians in no cluster, or in one that no mask agrees with, keep their lifted code. UserError if
+    scikit-learn is not installed."""
     with from_extra("sklearn"):
         importlib.import_module("sklearn.cluster")
     sharp = replace(views, gaussians=sharpen(views.gaussians))
@@ -53,12 +52,32 @@ def sharpen(gaussians: Gaussians) -> Gaussians:
     return replace(gaussians, logit_opacities=SHARPENING * gaussians.logit_opacities)
 
 
+def lift(views: CodeViews) -> tuple[Tensor, Tensor]:
+    """Average codes over all views, at least one: ``f_g = sum w_gp F(p) / sum w_gp`` over the pixels p with a code (docs/method.md#mean-codes).
+    (N, L, C) codes of N Gaussians at L levels, and (N, L) shares, as in language.zarr. w is alpha times transmittance times 1 - M."""
+    assert views.targets is not None
+    sums = torch.zeros((), device=views.device)
+    for index in track(range(len(views)), "lifting", unit="view"):
+        targets, weight = views.targets(int(views.frame[index])), views.weight(index)
+        shown = (
+            torch.ones_like(targets.codes[:, :1])
+            if weight is None
+            else weight.expand_as(targets.codes[:, :1])
+        )
+        counted = targets.known[:, None] * shown
+        pixels = torch.cat([targets.codes * counted, counted, shown], dim=1)
+        part = sum_over_pixels(views.view(index), pixels.flatten(0, 1).permute(1, 2, 0))
+        sums = sums + part.unflatten(1, pixels.shape[:2])
+    code, known, seen = sums.split([sums.shape[2] - 2, 1, 1], dim=2)
+    mean = torch.where(known > LEAST_WEIGHT, code / known.clamp(min=LEAST_WEIGHT), 0.0)
+    return mean, labeled_share(known[..., 0], seen[..., 0])
+
+
 def mask_means(views: CodeViews, targets: CodeTargets, labels: Tensor) -> tuple[Tensor, Tensor]:
     """Average the codes of the masks that agree with each of K clusters, each mask of a frame counting once.
 
-    ``labels`` are the (N, L) int64 cluster of each Gaussian at each level, -1 for none. Returns (L, K + 1, C) means, and
-    (L, K + 1) whether any mask agrees; the last row is 0.
-    """
+    ``labels`` are the (N, L) int64 cluster of each Gaussian at each level, -1 for none. Returns (L, K + 1, C) means, and (L, K + 1)
+    whether any mask agrees; the last row is 0."""
     shape = labels.shape[1], int(labels.max()) + 2
     sums = torch.zeros(*shape, targets.channels, device=views.device)
     counts = torch.zeros(shape, device=views.device)
@@ -80,8 +99,7 @@ def mask_means(views: CodeViews, targets: CodeTargets, labels: Tensor) -> tuple[
 def agreeing(masks: Tensor, clusters: Tensor, weight: Tensor | None) -> tuple[Tensor, Tensor]:
     """(M,) int64 masks of a picture that overlap with their most frequent cluster by an IoU above ``AGREEMENT``, and those.
 
-    ``masks`` and ``clusters`` are (H, W) int64, -1 for none; ``weight`` that of each pixel, None for ones.
-    """
+    ``masks`` and ``clusters`` are (H, W) int64, -1 for none; ``weight`` that of each pixel, None for ones."""
     names, mask = masks.unique(return_inverse=True)
     count = int(clusters.max()) + 2
     pairs = (mask * count + clusters + 1).flatten()
@@ -104,8 +122,7 @@ SAMPLE, _DECIMALS = 20_000, 5
 def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
     """(N,) int64 clusters of (N, C) codes, -1 for none and for codes whose (N,) share is 0.
 
-    A random sample is clustered, and the others take the cluster of the nearest one.
-    """
+    A random sample is clustered, and the others take the cluster of the nearest one."""
     # Imported here: it takes a second, which other methods need not wait.
     from sklearn.cluster import HDBSCAN
     from sklearn.metrics import pairwise_distances_argmin
@@ -129,8 +146,7 @@ def clusters_of(code: Tensor, share: Tensor, seed: int) -> Tensor:
 def principal_components(values: Tensor, sample: Tensor) -> NDArray[np.float32]:
     """(N, min(C, COMPONENTS)) coordinates of (N, C) values along the axes of most variance in a sample, (S,) int64 rows.
 
-    They are scaled so that the largest is 1, and rounded.
-    """
+    They are scaled so that the largest is 1, and rounded."""
     parts = fit_linear(values[sample].numpy(), COMPONENTS).encode(values.numpy())
     return (parts / (np.abs(parts).max() or 1.0)).round(_DECIMALS)
 

@@ -1,8 +1,7 @@
-"""The cases of the numerics tests: what each of them says of itself, the errors it measures, and the table of
-both. A test says with ``@pytest.mark.numerics(tried, within=..., outside=...)`` what it tries, within which
-error of a float64 reference the results stay, and what happens there or beyond the range. It gives each error to the
-fixture ``measured``, which holds it against that bound. ``pytest tests/numerics --numerics-table
-docs/numerics.md`` writes what came out."""
+"""The cases of the numerics tests: what each of them says of itself, the errors it measures, and the table of both. A test says with
+``@pytest.mark.numerics(tried, within=..., outside=...)`` what it tries, within which error of a float64 reference the results stay, and
+what happens there or beyond the range. It gives each error to the fixture ``measured``, which holds it against that bound. ``pytest
+tests/numerics --numerics-table docs/numerics.md`` writes what came out."""
 
 from collections.abc import Callable, Generator
 from pathlib import Path

@@ -1,6 +1,5 @@
-"""A SLURM of one's own: controller, nodes and authentication, all in a folder, for as long as a test lasts.
-It needs no root and nothing in /etc, and disturbs no other SLURM on the machine. Debian has it as the
-packages slurmctld, slurmd, slurm-client and munge."""
+"""A SLURM of one's own: controller, nodes and authentication, all in a folder, for as long as a test lasts. It needs no root and
+nothing in /etc, and disturbs no other SLURM on the machine. Debian has it as the packages slurmctld, slurmd, slurm-client and munge."""
 
 import contextlib
 import os

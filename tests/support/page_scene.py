@@ -111,10 +111,9 @@ def put_page_scene(
 def put_histories(
     folder: Path, spans: Sequence[tuple[int, int]] = ((0, 1), (2, 4)), **changes: Any
 ) -> Gaussians:
-    """Write histories.zarr of ``put_page_scene``: the cup, where it is taken up and then where it is put
-    down, and a thing that nobody sees put down. Returns the Gaussians of both rests of the cup. ``spans``:
-    first and last frame of the rests, in turn at both places; further ones are of a second thing without
-    views. ``changes``: other arrays, ``/`` in a name as ``__``."""
+    """Write histories.zarr of ``put_page_scene``: the cup, where it is taken up and then where it is put down, and a thing that nobody
+    sees put down. Returns the Gaussians of both rests of the cup. ``spans``: first and last frame of the rests, in turn at both places;
+    further ones are of a second thing without views. ``changes``: other arrays, ``/`` in a name as ``__``."""
     count, of_cup = len(spans), min(len(spans), 2)
     center = np.array([(TAKEN_UP, PUT_DOWN)[number % 2] for number in range(count)]).reshape(-1, 3)
     offsets = np.array([[x, y, -0.4] for x in (-0.1, 0.1) for y in (-0.1, 0.1)])

@@ -1,7 +1,6 @@
-"""A GPU that is pretended: tensors that report another device, are computed on the CPU, and must not mix with
-others. PyTorch's own fake tensors cannot run a backward pass. Here each tensor of the device is a wrapper
-that reports the device ``meta`` and holds a CPU tensor; a dispatch mode unwraps, computes on the CPU and
-wraps again. It counts the reads for which a GPU would make the CPU wait."""
+"""A GPU that is pretended: tensors that report another device, are computed on the CPU, and must not mix with others. PyTorch's own
+fake tensors cannot run a backward pass. Here each tensor of the device is a wrapper that reports the device ``meta`` and holds a CPU
+tensor; a dispatch mode unwraps, computes on the CPU and wraps again. It counts the reads for which a GPU would make the CPU wait."""
 
 import contextlib
 import re

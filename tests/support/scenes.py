@@ -45,11 +45,10 @@ def put(
     made: Provenance | None = None,
     **provenance: Any,
 ) -> Path:
-    """Write ``folder/name.zarr`` with the given arrays; the other arrays that its schema requires get
-    plausible values. ``arrays``: arrays by name; a name that is not in the schema is an error. ``facts``:
-    facts of the artifact. ``made_from``: names of artifacts in the folder, whose digests are recorded as
-    inputs. ``size``: size of the axes that no given array has. ``made``: the whole provenance, instead of the
-    next arguments. ``provenance``: options, origin (by default synthetic), inputs, models; stage (by default
+    """Write ``folder/name.zarr`` with the given arrays; the other arrays that its schema requires get plausible values. ``arrays``:
+    arrays by name; a name that is not in the schema is an error. ``facts``: facts of the artifact. ``made_from``: names of artifacts in
+    the folder, whose digests are recorded as inputs. ``size``: size of the axes that no given array has. ``made``: the whole
+    provenance, instead of the next arguments. ``provenance``: options, origin (by default synthetic), inputs, models; stage (by default
     the artifact's name)."""
     arrays, schema = dict(arrays or {}), SCHEMAS[name]
     if name == "frames" and "train" in arrays:

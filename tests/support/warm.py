@@ -1,7 +1,6 @@
-"""Snakemake and the command ``egosplat`` in processes that are forked from one that has imported their
-libraries. For the scene of a test, importing PyTorch takes a stage longer than its work, and importing
-Snakemake takes longer than a plan. The code of egosplat is imported by each call itself, because tests edit
-it."""
+"""Snakemake and the command ``egosplat`` in processes that are forked from one that has imported their libraries. For the scene of a
+test, importing PyTorch takes a stage longer than its work, and importing Snakemake takes longer than a plan. The code of egosplat is
+imported by each call itself, because tests edit it."""
 
 import atexit
 import gc

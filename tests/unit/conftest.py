@@ -118,12 +118,11 @@ def word_scene(tmp_path: Path, word_scene_in: Callable[..., Path]) -> Callable[.
 
 @pytest.fixture(scope="session")
 def word_scene_in(halves: Gaussians, couch_and_cup: torch.Tensor) -> Callable[..., Path]:
-    """``word_scene_in(folder, ...)``: the folder with all that queries and metrics need. Four frames of one
-    view: 0 is trained on, 1 held out, 2 evaluated though trained on, 3 evaluated without a pose.
-    ``clip_hash``: of the OpenCLIP that features.zarr says it was made with, by default the small one.
-    ``inputs``: more that it says it was made from. ``nudge``: meters by which the stored Gaussians are off.
-    ``origin``: that all artifacts tell. ``evaluated``: the evaluation frames; of none, every frame is trained
-    on. ``corrections``: optional arrays of splats.zarr. ``clip_model``: that features.zarr names."""
+    """``word_scene_in(folder, ...)``: the folder with all that queries and metrics need. Four frames of one view: 0 is trained on, 1
+    held out, 2 evaluated though trained on, 3 evaluated without a pose. ``clip_hash``: of the OpenCLIP that features.zarr says it was
+    made with, by default the small one. ``inputs``: more that it says it was made from. ``nudge``: meters by which the stored Gaussians
+    are off. ``origin``: that all artifacts tell. ``evaluated``: the evaluation frames; of none, every frame is trained on.
+    ``corrections``: optional arrays of splats.zarr. ``clip_model``: that features.zarr names."""
 
     def make(
         folder: Path,

@@ -34,8 +34,7 @@ def small_disk(tmp_path: Path) -> Iterator[SmallDisk]:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Start with long files: processes of a test run take files in this order. The first makes the finished
-    run that most tests of the workflow wait for. The others need none, so that they fill the second core
-    until then."""
+    """Start with long files: processes of a test run take files in this order. The first makes the finished run that most tests of the
+    workflow wait for. The others need none, so that they fill the second core until then."""
     first = [f"test_{name}.py" for name in ("cluster", "rules", "published_architectures", "squares")]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))

@@ -64,8 +64,7 @@ rule scene_page:
     log:
         "logs/{dataset}/{scene}/{variant}scene_page.log",
     resources:
-        mem_mb=4000,
-        runtime=15,
+        **request("scene_page"),
     params:
         **params("scene_page"),
     shell:

@@ -143,9 +143,8 @@ def models(
 ) -> None:
     """List the checkpoints that the configuration needs: place, license, size, SHA-256, and whether they are there.
 
-    With download, fetch those that are missing, or those of NAMES: architectures, as sam2.1_hiera_l. Proxies are those of the
-    environment (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. egosplat run fetches what it needs; steps download nothing.
-    """
+    With download, fetch those that are missing, or those of NAMES: architectures, as sam2.1_hiera_l. Proxies are those of the environment
+    (https_proxy); HF_ENDPOINT names a mirror of the Hugging Face hub. egosplat run fetches what it needs; steps download nothing."""
     from egosplat.doctor.inputs import read_configuration, read_configurations
     from egosplat.models.needed import catalogue, download, find_needed, listing
 
@@ -172,7 +171,7 @@ def stage_command(stage: str) -> click.Command:
             # How long the result took the last time, as Snakemake measured it beside the log.
             with contextlib.suppress(OSError, IndexError):
                 measured = Path("logs", *paths["output"].with_suffix(".tsv").parts[1:]).read_text()
-                log(f"took {measured.splitlines()[1].split()[1]} the last time [h:m:s]")
+                log("took {1} the last time [h:m:s]".format(*measured.splitlines()[1].split("\t")))
         if told := lack_of_memory(stage, dict(options or {}), paths.get("frames"), bool(paths.get("chunk"))):
             log(f"warning: {told}")
         if stage in FILES:

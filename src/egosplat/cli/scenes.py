@@ -88,16 +88,24 @@ def query(
         raise click.UsageError("give words, or a picture: --like crop.png")
     if as_json and output:
         raise click.UsageError("--output: goes without --json, which draws no picture")
+    if like and names:
+        raise click.UsageError("--names: goes with words, not with --like")
     # With --json nothing is written, and the scene may be one that nobody may write to.
     output = folder if as_json else _check_paths(folder, ASKED, "query.png", output, overwrite)
     with without_collection():
         from egosplat.query import like as pictures
         from egosplat.query.command import describe, list_answers, run
         from egosplat.query.finished_scene import open_scene
+        from egosplat.query.text import clean_phrase
 
         scene = open_scene(folder, options)
         known = pictures.read_names(folder) | (pictures.read_names(names) if names else {})
-        named = {} if like else {one: known[one.lower()] for one in phrases if one.lower() in known}
+        keys = {} if like else {one: clean_phrase(one).lower() for one in phrases}
+        named = {one: known[key] for one, key in keys.items() if key in known}
+        if (like or named) and (frame, pose, at) != (None, None, None):
+            raise click.UsageError(
+                "--frame, --pose and --at: go with words alone, not with a picture or a name"
+            )
         rest = [one for one in phrases if one not in named and not like]
         scenes = [scene, *(open_scene(Path(one), options) for one in phrases if like)]
         if as_json:
@@ -188,7 +196,7 @@ def view(folder: Path, host: str, port: int, options: PageOptions) -> None:
     "--format",
     type=click.Choice(list(FORMATS)),
     help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, colmap), the scene "
-    "page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output, else ply]",
+    "page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output; without one, ply]",
 )
 @click.option(
     "--query", metavar="WORDS", help="The best answer's Gaussians (ply, spz), or boxes of answers (rrd)."
@@ -222,7 +230,9 @@ def movie(folder: Path, output: Path | None, overwrite: bool, options: AskingOpt
 )
 @click.argument("source", type=ARTIFACT)
 @click.argument("words", nargs=-1)
-@click.option("--preset", type=click.Choice(PRESET_NAMES), help="Speed or accuracy. [default: balanced]")
+@click.option(
+    "--preset", type=click.Choice(PRESET_NAMES), help="Speed or accuracy. [default: the configuration's]"
+)
 @click.option("--words", "asked", is_flag=True, help="Ask for WORDS at the end.")
 @click.option("--open", "show", is_flag=True, help="Open its page in the browser at once.")
 @click.option(

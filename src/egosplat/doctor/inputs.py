@@ -11,7 +11,7 @@ from egosplat.models.suitability import configured_checkpoints, notice
 from egosplat.pipeline.config import Config, LayeredConfig, merge, read_yaml, resolve, stage_values
 from egosplat.pipeline.home import CONFIG, PRESETS, find_home
 from egosplat.pipeline.model_sets import locate_checkpoints
-from egosplat.pipeline.scenes import Scene, is_own, read_scenes, tables_of
+from egosplat.pipeline.scenes import OTHER_PLACE, Scene, is_own, read_scenes, tables_of
 from egosplat.pipeline.strict_yaml import load_yaml
 from egosplat.transient.options import TransientOptions
 
@@ -57,10 +57,8 @@ def scene_notice(scene: Scene) -> str | None:
 def read_configuration(files: Sequence[Path], options: Sequence[str]) -> tuple[LayeredConfig, list[str]]:
     """The whole configuration that Snakemake makes of the same options, and its sources.
 
-    Files of ``--configfile`` override earlier ones and config/config.yaml, options of ``--config``, as ``preset=draft``,
-    ``run={device: cpu}`` or ``run.device=cpu``, override the files. UserError: one cannot be read, or a key or value is not
-    allowed.
-    """
+    Files of ``--configfile`` override earlier ones and config/config.yaml, options of ``--config``, as ``preset=draft``, ``run={device:
+    cpu}`` or ``run.device=cpu``, override the files. UserError: one cannot be read, or a key or value is not allowed."""
     read = [find_home(CONFIG), *files]
     config: Config = {}
     for layer in [*map(read_yaml, read), *map(_parsed, options)]:
@@ -98,7 +96,11 @@ def _models(config: Config) -> Iterator[Finding]:
         chosen = choose_compute(config["run"]["device"], config["run"]["precision"])
         return f"{chosen.device}, {str(chosen.dtype).removeprefix('torch.')}"
 
-    located = locate_checkpoints(config)
+    try:
+        located = locate_checkpoints(config)
+    except UserError as error:
+        yield Finding(Mark.MISSING, "models", str(error))
+        return
     yield _model(SAM2, located, SAM2.name)
     yield _model(CLIP, located, CLIP.name)
     if weights := config["transient"]["encoder_weights"]:
@@ -146,8 +148,7 @@ def _recordings(dataset: str, root: str | None, scenes: list[Scene]) -> Finding:
     if not absent:
         return Finding(Mark.OK, subject, found)
     if not any(map(is_own, absent)):
-        return Finding(Mark.NOTE, subject, f"none; data_root.{dataset} is not set")
+        return Finding(Mark.NOTE, subject, f"{found}; data_root.{dataset} is not set")
     names = ", ".join(f"{scene.scene} ({scene.recording})" for scene in absent[:NAMED])
     names += f" and {len(absent) - NAMED} more" if len(absent) > NAMED else ""
-    advice = f"Copy them there, set data_root.{dataset} to their folder, or remove their rows from the table of scenes"
-    return Finding(Mark.MISSING, subject, f"{found}; missing: {names}", advice)
+    return Finding(Mark.MISSING, subject, f"{found}; missing: {names}", f"Copy them there, or {OTHER_PLACE}")

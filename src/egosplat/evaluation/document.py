@@ -14,7 +14,7 @@ from egosplat.evaluation.scores import AnsweredQuery, pixel_accuracy, summarise
 from egosplat.models.checkpoints import SMALL
 
 # Raised with every change of the schema (pipeline/schemas/metrics.schema.yaml).
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 
 
 def finite(value: Any) -> Any:
@@ -51,7 +51,6 @@ def provenance_entries(run: Provenance, made_from: Lineage, **told: Any) -> dict
         "models": models_used(made_from),
         "artifacts": {name: _artifact_entry(artifact) for name, artifact in made_from.found.items()}
         | dict.fromkeys(made_from.lost),
-        "total": _total_cost(made_from, record),
     }
 
 
@@ -99,17 +98,6 @@ def _artifact_entry(artifact: Artifact) -> dict[str, Any]:
     size = sum(file.stat().st_size for file in artifact.path.rglob("*") if file.is_file())
     entry = artifact.provenance | {"digest": artifact.digest, "disk_mb": round(size / 2**20, 3)}
     return entry | {name: fact for name, fact in artifact.facts.items() if name == "training_s"}
-
-
-def _total_cost(made_from: Lineage, own: dict[str, Any]) -> dict[str, float | None]:
-    """Sum of the wall times of all stages [s] and the largest peak memory [MiB]; None if an artifact is lost."""
-    if made_from.lost:
-        return {"wall_s": None, "peak_memory_mb": None}
-    records = [own, *(artifact.provenance for artifact in made_from.found.values())]
-    return {
-        "wall_s": round(sum(record["wall_s"] for record in records), 3),
-        "peak_memory_mb": max(record["peak_memory_mb"] for record in records),
-    }
 
 
 def one_line(text: str) -> str:

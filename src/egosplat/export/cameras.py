@@ -8,6 +8,7 @@ import numpy as np
 import pycolmap
 from PIL import Image
 
+from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
 from egosplat.artifacts.schemas import FRAMES, MASKS, POSES, SPLATS, camera_poses, shown_pixels
@@ -20,12 +21,15 @@ from egosplat.progress import log, track
 def export_cameras(scene: Path, output: Path, format: str) -> None:
     """Write a folder with ``images/``, ``masks/`` and cameras of a scene or variant, in the ``nerfstudio`` or ``colmap`` format.
 
-    Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked.
-    UserError: an artifact is missing or damaged.
-    """
+    Masks are black where a pixel shows no scene or something that moves; there are none if nothing is to be masked. UserError: an
+    artifact is missing, damaged or of another scene."""
     *paths, moving = locate(scene, "frames", "poses", "splats", "masks")
     frames, poses, splats = map(open_artifact, paths, (FRAMES, POSES, SPLATS))
+    check_made_from(poses, frames)
+    check_made_from(splats, frames, poses)
     masks = open_artifact(moving, MASKS) if moving.exists() else None
+    # One of other frames is left of earlier keys, with which something moved.
+    masks = None if masks is None or masks.provenance["inputs"].get("frames.zarr") != frames.digest else masks
     camera_to_world, valid = camera_poses(poses, splats), frames.read("valid")
     height, width = valid.shape
     camera = Camera.from_matrix(poses.read("intrinsics"), width, height)

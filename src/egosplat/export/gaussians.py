@@ -12,7 +12,7 @@ from torch import Tensor
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.lineage import locate
 from egosplat.artifacts.reader import open_artifact
-from egosplat.artifacts.schemas import INSTANCES, LANGUAGE, SPLATS
+from egosplat.artifacts.schemas import INSTANCES, LANGUAGE, POSES, SPLATS
 from egosplat.errors import UserError
 from egosplat.export.spz import write_spz
 from egosplat.files import atomic_file
@@ -65,8 +65,11 @@ def answer_members(scene: Scene, phrase: str) -> Tensor:
 
 def export_instances(folder: Path, output: Path) -> None:
     """Write a point for each Gaussian on a surface, with its instance at each level, -1 for none, and its
-    color, gray for none (UserError: an artifact is missing or damaged, or the instances are tracks)."""
-    splats, instances = map(open_artifact, locate(folder, "splats", "instances"), (SPLATS, INSTANCES))
+    color, gray for none (UserError: an artifact is missing, damaged or of other poses, or the instances are tracks)."""
+    paths = locate(folder, "poses", "splats", "instances")
+    poses, splats, instances = map(open_artifact, paths, (POSES, SPLATS, INSTANCES))
+    for made in (splats, instances):
+        check_made_from(made, poses)
     gaussians = read_gaussians(splats)
     xyz = gaussians.select(gaussians.opacities >= LEAST_OPACITY).means.numpy()
     owner, levels = instances_of_gaussians(instances, xyz), instances.facts["levels"]

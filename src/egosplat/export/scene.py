@@ -18,7 +18,7 @@ _CAMERAS, _PAGE = ("frames", "poses", "splats"), STAGES["scene_page"].inputs
 FORMATS = {
     "ply": ("scene.ply", ("splats",)),
     "spz": ("scene.spz", ("splats",)),
-    "instances": ("instances.ply", ("splats", "instances")),
+    "instances": ("instances.ply", ("poses", "splats", "instances")),
     "nerfstudio": ("nerfstudio", _CAMERAS),
     "colmap": ("colmap", _CAMERAS),
     "html": ("scene.html", _PAGE),
@@ -27,7 +27,7 @@ FORMATS = {
 
 
 def export_scene(
-    scene: "Scene | Path",
+    scene: "Scene | str | Path",
     path: str | Path | None = None,
     *,
     format: str | None = None,
@@ -42,12 +42,12 @@ def export_scene(
     suffix says, or ply. ``query``: only the Gaussians of the best answer (ply, spz), or boxes of answers (rrd); ``codes``: also language
     codes (ply). UserError: an artifact is missing, damaged or of another scene; the query has no answer; or a file is at ``path``.
 
-    ``egosplat.export_scene(scene, "couch.ply", query="couch")`` writes the couch alone.
-    """
-    folder, opened = (scene, None) if isinstance(scene, Path) else (scene.folder, scene)
+    ``egosplat.export_scene(scene, "couch.ply", query="couch")`` writes the couch alone."""
+    folder, opened = (Path(scene), None) if isinstance(scene, str | Path) else (scene.folder, scene)
+    where = f"{path}: has no suffix of a format" if format is None else f"format {format!r}: is unknown"
     format = format or ("ply" if path is None else Path(path).suffix[1:].lower())
     if format not in FORMATS:
-        raise UserError(f"{path}: has no suffix of a format; give the format: {', '.join(FORMATS)}")
+        raise UserError(f"{where}; give the format: {', '.join(FORMATS)}")
     if query is not None and format not in ("ply", "spz", "rrd"):
         raise UserError(f"--query: goes with --format ply, spz or rrd, not {format}")
     name, needed = FORMATS[format]
@@ -63,6 +63,7 @@ def export_scene(
     from egosplat.query.finished_scene import open_scene
     from egosplat.viewing.command import write_page
 
+    opened = opened if options is None else None
     options = options or (opened.options if opened else AskingOptions())
     if format in ("nerfstudio", "colmap"):
         cameras.export_cameras(folder, output, format)

@@ -45,9 +45,8 @@ _COARSEST = 1e-3
 
 
 def starting_gaussians(poses: Artifact, views: Views, options: TrainingOptions) -> Gaussians:
-    """Gaussians, without features, at the points visible from training cameras, and in cells without any.
-    UserError: the scene is too far from the world's origin for float32, or too small or too large for the
-    renderer."""
+    """Gaussians, without features, at the points visible from training cameras, and in cells without any. UserError: the scene is too far
+    from the world's origin for float32, or too small or too large for the renderer."""
     cameras, near_plane, seed = views.camera_to_world, options.render.near_plane, options.seed
     max_points = min(options.max_points, options.max_gaussians)
     _check_origin(poses, cameras, near_plane)
@@ -180,15 +179,16 @@ def _cell_depths(xyz: Array, camera: Camera, pose: Array, shape: tuple[int, int]
 def from_points(
     xyz: Array, rgb: Bytes, *, sh_degree: int, max_points: int, seed: int, near_plane: float = 0.1
 ) -> Gaussians:
-    """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU.
-    Drops points that are not finite and keeps a random subset of at most ``max_points``. Opacity is 0.1,
-    rotation the identity; SH coefficients above degree 0 are zero, and there are no features. UserError: no point is finite in float32. ``xyz``, ``rgb``: (P, 3) float64 world points [m],
-    duplicates allowed, and (P, 3) uint8. ``near_plane``: smallest camera z [m], the unit of the least
-    sizes."""
+    """Place one isotropic Gaussian at each point, scaled by the distance to its neighbors (3DGS), on the CPU. Drops points that are not
+    finite and keeps a random subset of at most ``max_points``. Opacity is 0.1, rotation the identity; SH coefficients above degree 0 are
+    zero, and there are no features. UserError: no point is finite in float32. ``xyz``, ``rgb``: (P, 3) float64 world points [m],
+    duplicates allowed, and (P, 3) uint8. ``near_plane``: smallest camera z [m], the unit of the least sizes."""
     # Gaussians are float32, so points must be finite in float32. NaN compares as False.
     kept = np.flatnonzero((np.abs(xyz) <= np.finfo(np.float32).max).all(axis=1))
     if not len(kept):
-        raise UserError("splats: no finite point to start from; start from random points instead")
+        raise UserError(
+            "splats: no point to start from is finite, or no pixel is valid; check the poses' points"
+        )
     kept = kept[_random_subset(len(kept), max_points, seed)]
     points, count = xyz[kept], len(kept)
     sh = torch.zeros(count, (sh_degree + 1) ** 2, 3)

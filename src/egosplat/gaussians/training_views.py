@@ -181,7 +181,7 @@ def open_masking(kind: str, frames: Artifact, paths: Mapping[str, Path | None]) 
     if kind == "auto":
         raise UserError(
             "splats.masking = auto: only the workflow resolves it, from survey.json; "
-            "here give --masking none or refined"
+            "here set it to none or refined"
         )
     name, schema, array = _SOURCES[kind]
     [artifact] = open_needed(f"splats.masking = {kind}", (paths.get(f"{name}_path"), schema))

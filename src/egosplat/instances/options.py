@@ -21,6 +21,6 @@ class InstancesOptions(CameraOptions, BackendOptions, SeedOptions, NearPlaneOpti
     outlines; time grows with its square."""
 
     iterations: Count = 1000
-    """Training length of temporary Gaussians, which masks are merged on where something is tracked or masked
+    """Training length of temporary Gaussians, which masks are merged on where something is tracked or masked, or codes train jointly
     (docs/method.md#merged-on). Sharper surfaces give instances sharper outlines
     (benchmarks/instances/README.md)."""

@@ -22,7 +22,7 @@ class LanguageOptions(MaskSourceOptions, SeedOptions, BackendOptions):
     LangSplatV2 10,000 for each of three levels; here an iteration of sparse trains one level."""
 
     lr: Positive = 0.0025
-    """Adam learning rate if method is trained or sparse. LangSplat and LangSplatV2 use 0.0025. Codes start at 0."""
+    """Adam learning rate if method is trained or sparse. LangSplat and LangSplatV2 use 0.0025. Codes start at 0, normalized ones as short random vectors."""
 
     pixels: Annotated[int, Field(ge=2)] = 8192
     """Pixels of a view that an iteration trains on, if method is sparse, granular, field or quantized. LERF uses

@@ -62,7 +62,7 @@ def run(
     checkpoint = Checkpoint(output, provenance.key_of(record))
     if name == "joint":
         check_made_from(splats, learnt_from[1])
-        coded = method.give_codes(views, targets.levels, splats.read("features"))
+        coded = method.give_codes(views, targets, splats.read("features"))
     else:
         coded = method.give_codes(views, targets, options, checkpoint)
     geometry = f"geometry shared, of {splats.provenance['options']['iterations']:,} iterations"

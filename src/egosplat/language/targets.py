@@ -29,8 +29,7 @@ class CodeTargets:
     each instance. ``options`` are those of the features; codes have ``unit_norm`` or not."""
 
     def __init__(self, instances: Artifact, features: Artifact, device: torch.device) -> None:
-        """Load the codes; ``device`` is the device of the targets (UserError: the features were made from
-        other instances)."""
+        """Load the codes; ``device`` is the device of the targets (UserError: the features were made from other instances)."""
         self._instances, self._features, self._device = instances, features, device
         check_made_from(features, instances, axes=("instance",))
         self._instance, frame = features.read("instance"), features.read("frame")
@@ -38,14 +37,11 @@ class CodeTargets:
         self._views = np.split(np.argsort(frame, kind="stable"), np.cumsum(counts)[:-1])
         # Those of the views, then those of the instances.
         self._codes = np.concatenate([features.read("code"), features.read("consistent_code")])
-        seen = features.read("views") > 0
         self.options = features.provenance["options"]
         # The norm of a linear code carries information; all others have unit norm.
         self.unit_norm = self.options["compression"] != "linear"
-        self._views_alone = self.options["supervision"] == "view"
         # Instances whose consistent code serves frames without a view of theirs.
-        self._usable = np.zeros_like(seen) if self._views_alone else seen
-        self._named = seen
+        self._usable = (features.read("views") > 0) & (self.options["supervision"] != "view")
         self._levels, self.level = np.unique(instances.read("instances/level"), return_inverse=True)
         names = instances.facts["levels"]
         self.levels = [names[level] for level in self._levels]
@@ -60,12 +56,12 @@ class CodeTargets:
 
     @property
     def rows(self) -> Floats:
-        """(R, C) codes of all views of all instances that have a feature."""
-        return self._codes[: len(self._instance)][self._named[self._instance]]
+        """(R, C) codes of all views of all instances."""
+        return self._codes[: len(self._instance)]
 
     def code_rows(self) -> tuple[Floats, Ints]:
         """Return the (R + I, C) codes of R views, then the consistent ones of I instances, and the instance of each."""
-        return self._codes, np.concatenate([self._instance, np.arange(len(self._named))])
+        return self._codes, np.concatenate([self._instance, np.arange(len(self.level))])
 
     def of(self, frame: int) -> Targets:
         """Return the targets of a frame, by its index in frames.zarr."""
@@ -93,7 +89,7 @@ class CodeTargets:
         """(L, H, W) int64 instance of each pixel of a frame, -1 for none."""
         rows = self._instances.row("labels", frame)[self._levels]
         # Half the bytes to copy to a GPU; the labels of nearly all scenes fit.
-        small = rows.astype(np.int16) if len(self._named) <= np.iinfo(np.int16).max else rows
+        small = rows.astype(np.int16) if len(self.level) <= np.iinfo(np.int16).max else rows
         return torch.from_numpy(small).to(self._device).long()
 
     def of_labels(self, frame: int, labels: Tensor) -> tuple[Tensor, Tensor]:
@@ -109,10 +105,8 @@ class CodeTargets:
     def _rows_in(self, frame: int) -> Ints:
         """Return the (N + 1,) row of ``code_rows`` of each instance in the frame, -1 for no target; no label is last."""
         # The instance's own row; that of the frame's view replaces it where there is one.
-        rows = np.where(self._usable, len(self._instance) + np.arange(len(self._named)), -1)
-        views = self._views[frame]
-        owners = self._instance[views]
-        rows[owners] = np.where(self._named[owners], views, -1)
+        rows = np.where(self._usable, len(self._instance) + np.arange(len(self.level)), -1)
+        rows[self._instance[self._views[frame]]] = self._views[frame]
         return np.append(rows, -1)
 
     def _codes_of(self, rows: Ints) -> Floats:

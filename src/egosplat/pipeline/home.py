@@ -3,6 +3,7 @@
 import contextlib
 import difflib
 import json
+import os
 import re
 import shlex
 from collections.abc import Iterable
@@ -89,8 +90,12 @@ def make_command(path: Path, *others: Path, flag: str = "") -> str:
 
 def _settings_of(path: Path) -> str:
     """The words of Snakemake's command, with a blank, that tell with which settings the scene of a result was made."""
-    of_scene = path.parents[2].glob("*.zarr/zarr.json")
-    for metadata in (path / "zarr.json", *sorted(path.parent.glob("*.zarr/zarr.json")), *sorted(of_scene)):
+    # A newer artifact has the settings of a later command.
+    of_variant, of_scene = (
+        sorted(folder.glob("*.zarr/zarr.json"), key=os.path.getmtime, reverse=True)
+        for folder in (path.parent, path.parents[2])
+    )
+    for metadata in (path / "zarr.json", *of_variant, *of_scene):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             made = json.loads(metadata.read_text())["attributes"]["egosplat"]["provenance"]
             return shlex.join(["--config", *shlex.split(made["settings"])]) + " " if made["settings"] else ""

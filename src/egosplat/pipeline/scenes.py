@@ -22,6 +22,9 @@ from egosplat.pipeline.options import Options, Text, check_with
 # Datasets with rows in the shipped table, whether their recordings exist or not.
 SHIPPED_DATASETS = ("adt", "hoi4d", "lerf", "3d_ovs")
 
+# The advice for a recording that lies elsewhere.
+OTHER_PLACE = "change its row in the table of scenes, or data_root, below which relative paths lie"
+
 
 def _is_path(text: str) -> bool:
     """Whether a text can be a path that Snakemake handles; the longest name on Linux has 255 bytes."""
@@ -121,9 +124,7 @@ def default_scenes(scenes: Iterable[Scene]) -> list[Scene]:
 def check_recording(scene: Scene) -> None:
     """Check that a recording exists or can be made (UserError: it is missing; names the expected path)."""
     if scene.lacks_recording:
-        key = f"data_root.{scene.dataset} in config/config.yaml"
-        advice = f"Put it there, or set {key} to the folder that holds it."
-        raise UserError(f"{scene.name}: no recording at {scene.recording}. {advice}")
+        raise UserError(f"{scene.name}: no recording at {scene.recording}. Put it there, or {OTHER_PLACE}")
 
 
 def is_own(scene: Scene) -> bool:
@@ -135,8 +136,7 @@ def is_own(scene: Scene) -> bool:
 def read_rows(path: Path) -> list[tuple[int, dict[str, Any]]]:
     """Read each row of a table with its line number. Blank lines and lines that begin with # are skipped.
 
-    UserError: it is missing or unreadable, or a row has not the columns. Values are not checked.
-    """
+    UserError: it is missing or unreadable, or a row has not the columns. Values are not checked."""
     if not path.exists():
         raise UserError(f"{path}: does not exist; the configuration key 'scenes' names it")
     columns, lines = [*Row.model_fields], enumerate(read_user_text(path).split("\n"), 1)

@@ -176,17 +176,29 @@ def chosen_value(stage: str, scene: Scene, config: Config) -> str | None:
 
 
 @functools.cache
+def _read_preset(path: Path) -> Config:
+    """Read the file of a preset (UserError: a key or a value is wrong)."""
+    layer = Layer(f"preset {path.name}", read_yaml(path))
+    configure([layer])
+    for format in layer.keys.get("formats", {}):
+        configure([*layers_of_format([layer], format)])
+    return dict(layer.keys)
+
+
+@functools.cache
 def preset_keys(name: str, folder: Path, format: str, models: str) -> Config:
     """Get a preset's keys as a variant's; ``paper_scaled`` is ``paper`` at the scene's resolution and models."""
-    files = {file: read_yaml(find_preset(folder, file)) for file in PRESET_FILES.values()}
+    files = {file: _read_preset(find_preset(folder, file)) for file in PRESET_FILES.values()}
     kept = _KEPT | {"frames.resolution"} if name == "paper_scaled" else _KEPT
     preset, usual = Layer(name, files[PRESET_FILES[name]]), configure([SHIPPED_LAYER], models)
     values = merge_layers(layers_of_format([preset, SHIPPED_LAYER], format))
     # Set every key that any preset sets, so that no value of the scene's own preset remains.
     parts = [part for file in files.values() for part in (file, *file.get("formats", {}).values())]
     keys: Config = {}
-    for section, key in ((name, key) for part in parts for name in part for key in part[name]):
-        if section not in kept and f"{section}.{key}" not in kept:
+    general = {*kept, *GeneralOptions.model_fields}
+    sections = ((name, keys) for part in parts for name, keys in part.items() if name not in general)
+    for section, key in ((name, key) for name, keys in sections for key in keys):
+        if f"{section}.{key}" not in kept:
             value = values.get(section, {}).get(key, usual[section][key])
             keys.setdefault(section, {})[key] = value
     if name == "paper_scaled":  # other models can follow what comes with the paper's, too

@@ -13,7 +13,7 @@ from egosplat.errors import UserError
 from egosplat.histories.told import clock
 from egosplat.models.suitability import notice_of_artifacts
 from egosplat.progress import track
-from egosplat.query.answers import NOTHING, Answer, as_json
+from egosplat.query.answers import Answer, as_json
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import NOT_ASKED, Grading, by_score
 from egosplat.query.scene import Viewpoint
@@ -41,8 +41,7 @@ def run(
     """Answer queries, of the whole scene by ``most`` things each, or of a viewpoint; tell where carried things were ``at`` a time [s].
 
     Yields the table, one of what was carried if anything was, then a line about the picture once it is drawn. UserError: as
-    ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time.
-    """
+    ``Scene.ask``; or the recording has ended before ``at``, or a frame is asked of a time."""
     viewpoint = _viewpoint_at(scene, viewpoint, at)
     place = "the whole scene" if viewpoint is None else viewpoint.name
     notice = notice_of_artifacts(scene.made_from.found.values())
@@ -149,7 +148,7 @@ def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
         place = show_point(thing.center), show_size(thing.size)
         about = answer.grade, grading.shown(thing.rating), thing.level, *place
         rows.append(("" if rows else answer.asked, *about, str(thing.frame)))
-    return rows or [(answer.asked, NOTHING)]
+    return rows
 
 
 def _refusal(answer: Answer) -> str | None:
@@ -187,7 +186,7 @@ def _sentence(answer: Answer, unit: str, output: Path) -> list[str]:
         more = f"; {len(answer.things) - 1} more" if answer.things[1:] else ""
         told = f"{answer.grade}: {question.said} {shown} ({output}){more}"
     elif not told:
-        told = f"{answer.grade}: {question.said} ({output})" if answer.view else NOTHING
+        told = f"{answer.grade}: {question.said} ({output})"
     return [f'"{question.typed}" (read as: {question.read}): {told}']
 
 
@@ -230,7 +229,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
             hide_axes(axes)
         (place, heat, mask), view = cells, answer.view
         if picture is None or view is None:
-            caption = f'"{answer.asked}": {_refusal(answer) or NOTHING}'
+            caption = f'"{answer.asked}": {_refusal(answer)}'
             # Outside of the layout: otherwise the first column becomes as wide as the text.
             how = {"transform": place.transAxes, "clip_on": False, "in_layout": False}
             place.text(0.0, 0.5, caption, fontsize=10, **how)

@@ -16,7 +16,7 @@ from egosplat.query.scene import QueryScene
 from egosplat.query.text import Texts, encode_phrases, other_meanings, untaught_words
 
 # Words of things of homes, a comma between two; of these, the nearest to a query may mean the same.
-WORDS, _NEAREST = Path(__file__).with_name("household.txt"), 12
+WORDS, _NEAREST = Path(__file__).with_name("household.csv"), 12
 
 # Gaussians that tell what is usual in a scene, and that stand for a thing.
 _OF_SCENE, _OF_THING = 2048, 256
@@ -55,8 +55,7 @@ def _behind(words: Texts, query: Texts) -> Texts:
 class Contest:
     """Words of homes against which a query has to win, by the softmax that an OpenCLIP was trained with.
 
-    It compares how much better each fits a thing than the scene: a word that fits everything wins nothing.
-    """
+    It compares how much better each fits a thing than the scene: a word that fits everything wins nothing."""
 
     def __init__(self, scene: QueryScene, clip: OpenClip, options: QueryOptions) -> None:
         """Compare the words that a model knows, and canonical phrases, with the scene."""
@@ -80,8 +79,7 @@ class Contest:
     def rate(self, query: Texts, things: Sequence[Thing], least: float) -> list[Thing]:
         """Things that match one query, the best first, by how well it stands there.
 
-        That becomes their score, or 0 where their score is below the ``least``.
-        """
+        That becomes their score, or 0 where their score is below the ``least``."""
         usual, rated = torch.cat([self.usual, self._fits(query).mean(dim=1)]), []
         asked = _behind(self.words, query)
         for thing in things:

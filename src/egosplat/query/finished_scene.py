@@ -64,8 +64,7 @@ class Frames:
 class Scene:
     """A finished scene or variant, made by ``egosplat.open_scene``; nothing large is read before it is needed, nothing is written.
 
-    ``given`` are the opened artifacts, ``made_from`` also what they were made from; bytes of ``checked`` ones are as their
-    digests tell.
+    ``given`` are the opened artifacts, ``made_from`` also what they were made from; bytes of ``checked`` ones are as their digests tell.
     """
 
     folder: Path
@@ -260,8 +259,7 @@ class Scene:
             it. second: time of the pose [s since the first frame]: what lies somewhere for a while is seen at its time. keys:
             keys of the section ``query`` that differ from the scene's, such as ``min_score=0.6``.
 
-        UserError: the OpenCLIP of the features is missing, the view has no pose, or a key is not valid.
-        """
+        UserError: the OpenCLIP of the features is missing, the view has no pose, or a key is not valid."""
         options = self.options.change_keys(**keys)
         most = read_whole("most", most, 1)
         return list(self.reply(self.read(phrases), most, self.viewpoint(frame, pose, second), options))
@@ -409,8 +407,9 @@ class Scene:
         return show_thing(self.asked, thing, self.encode([phrase]), self.camera, at, options)
 
     def grading(self, options: QueryOptions | None = None) -> grades.Grading:
-        """How answers of the whole scene are graded."""
-        return grades.grading_of(self.encoded.facts["clip"]["hash"], options or self.options, self.folder)
+        """How answers of the whole scene are graded; by its own fit only where a user opened it, of which no stage knows."""
+        own = None if self.checked else self.folder
+        return grades.grading_of(self.encoded.facts["clip"]["hash"], options or self.options, own)
 
     @cached_property
     def contest(self) -> Contest | None:
@@ -428,8 +427,7 @@ def open_scene(folder: str | Path, options: AskingOptions | None = None, **keys:
     """Open a finished scene or variant, such as ``results/adt/scene1``. Only what describes its artifacts is read.
 
     Queries follow ``options``, or the defaults of the model, but for ``keys`` of the section ``query``, ``backend``, ``device`` or
-    ``precision``, such as ``min_score=0.6``. UserError: a key is not valid, or an artifact is missing, damaged or of another scene.
-    """
+    ``precision``, such as ``min_score=0.6``. UserError: a key is not valid, or an artifact is missing, damaged or of another scene."""
     folder = Path(folder)
     artifacts = open_artifacts(folder)
     clip_model = artifacts[-1].facts["clip"]["model"]
@@ -447,8 +445,7 @@ def open_artifacts(folder: Path) -> list[Artifact]:
 def scene_of(artifacts: Iterable[Artifact], options: AskingOptions, folder: Path | None = None) -> Scene:
     """Make a scene of opened artifacts that belong together: frames, poses, splats, language, features or tiles; there may be more.
 
-    ``folder`` is that of the scene; None for that of the language artifact, whose bytes are known to have their digests.
-    """
+    ``folder`` is that of the scene; None for that of the language artifact, whose bytes are known to have their digests."""
     given = tuple(artifacts)
     if not any(one.schema.name in ENCODED for one in given):
         raise UserError("needs the features artifact, or the tiles: give --features or --tiles")

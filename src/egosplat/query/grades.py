@@ -14,7 +14,7 @@ from egosplat.errors import UserError
 from egosplat.histories.known import Histories
 from egosplat.histories.told import Carried
 from egosplat.pipeline.home import OWN_FITS
-from egosplat.query.answers import Answer, Evidence, Thing, ViewMatch
+from egosplat.query.answers import NOTHING, Answer, Evidence, Thing, ViewMatch
 from egosplat.query.options import HELD, QueryOptions
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import CARRIED, Texts, nearest_word, other_meanings
@@ -60,8 +60,7 @@ class Calibration:
 class Grading:
     """How answers are graded by a ``measure``, 0 to 1: the least of what is found, and of a best guess.
 
-    A ``notice`` says what that means; what is told ``below`` may have the value in braces.
-    """
+    A ``notice`` says what that means; what is told ``below`` may have the value in braces."""
 
     measure: str
     found: float
@@ -175,9 +174,8 @@ def measure_evidence(
 def find_history(histories: Histories, query: Texts, words: Texts, temperature: float) -> tuple[Carried, ...]:
     """Find the carries of the thing that fits one query best, in the order of time.
 
-    No word with another meaning, of what people carry, fits it better, and the query fits it as well as every canonical
-    phrase. What stays has no carries; ``words`` are names of things, of which those of what people carry compete.
-    """
+    No word with another meaning, of what people carry, fits it better, and the query fits it as well as every canonical phrase. What
+    stays has no carries; ``words`` are names of things, of which those of what people carry compete."""
     if not histories.things or nearest_word(query, words) not in CARRIED:
         return ()
     carried = torch.tensor([word in CARRIED for word in words.phrases])
@@ -216,6 +214,7 @@ def judge(
 
 def judge_view(match: ViewMatch, unknown: Unknown, grading: Grading) -> Answer:
     """Judge what matches in one view, by its score."""
-    untaught, refusal = unknown[0], unknown[1] or grading.refusal(match.score)
-    shown, grade = None if refusal or match.level is None else match, NOT_FOUND if refusal else FOUND
+    untaught, why = unknown
+    refusal = why or (NOTHING if match.level is None else grading.refusal(match.score))
+    shown, grade = (None, NOT_FOUND) if refusal else (match, FOUND)
     return Answer(match.phrase, grade, match.score, None, refusal, untaught, view=shown)

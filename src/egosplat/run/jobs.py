@@ -1,7 +1,6 @@
 """What the rules of the workflow ask: inputs and parameters of a job, from its scene, its configuration and its survey.
 
-Snakemake reruns a job when a parameter changes: options, code, models, the list of training frames or the recording.
-"""
+Snakemake reruns a job when a parameter changes: options, code, models, the list of training frames or the recording."""
 
 import functools
 import os
@@ -11,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from egosplat.calibration.files import digest_of_recording, is_annotated, source_files
+from egosplat.files import expand_home
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.config import Config, stage_sections
@@ -104,8 +104,7 @@ def recording_path(job: Job) -> str | None:
 def parameters(stage: str) -> dict[str, Callable[[str, Job], str]]:
     """Get the functions of the parameters of a stage's rule, by name, each of the stage and a job.
 
-    ``arguments`` and ``options`` are words of the command, the others make the job stale.
-    """
+    ``arguments`` and ``options`` are words of the command, the others make the job stale."""
     about = STAGES[stage]
     functions = {"arguments": arguments, "options": options}
     functions["code"] = lambda stage, job: code_of(stage, chosen_value(stage, job.scene, job.config))
@@ -164,7 +163,7 @@ def _recording(stage: str, job: Job) -> str:
 
 def encoder_weights(job: Job) -> str:
     """Get a hash of the weights of the encoder of ``transient``, which reports a missing file."""
-    path = Path(job.config["transient"]["encoder_weights"] or "").expanduser()
+    path = expand_home(job.config["transient"]["encoder_weights"] or "")
     return content_hash(path)[:16] if path.is_file() else "none"
 
 

@@ -71,9 +71,12 @@ def join_corrections(
     times = np.maximum(seen.sum(axis=0), 1)
     apart = (known - (known * seen[..., None]).sum(axis=0) / times[:, None]) * seen[..., None]
     offsets = -np.linalg.pinv(np.diag(seen.sum(axis=1)) - (seen / times) @ seen.T) @ apart.sum(axis=1)
-    owner = np.argmax([cell.holds(centers) for cell in cells], axis=0)
+    held = np.stack([cell.holds(centers) for cell in cells])
+    owner = held.argmax(axis=0)
+    # A frame without a pose is in no cell, and stays as it is.
+    moved = offsets[owner] * held.any(axis=0)[:, None]
     own = {name: values[owner, np.arange(len(owner))] for name, values in every.items()}
-    own["shift"] += offsets[owner, :3]
-    own["camera_to_world"][:, :3, 3] += offsets[owner, :3]
-    own["gain"] *= np.exp(offsets[owner, 3:])
+    own["shift"] += moved[:, :3]
+    own["camera_to_world"][:, :3, 3] += moved[:, :3]
+    own["gain"] *= np.exp(moved[:, 3:])
     return own, offsets

@@ -41,8 +41,7 @@ _OLD_APPLIED = [[0.0, 1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0
 class Fit(NamedTuple):
     """How well Gaussians fit a picture, on the pixels that they cover: PSNR of the render and of the best single color [dB].
 
-    ``psnr`` is -inf if they cover too little of every picture.
-    """
+    ``psnr`` is -inf if they cover too little of every picture."""
 
     psnr: float
     plain: float
@@ -71,14 +70,13 @@ def import_gaussians(
 
 
 def _no_fit(files: list[Path], tried: dict[str, Fit]) -> UserError:
-    first = next(iter(tried.values()))
     best = max(tried, key=lambda world: tried[world].psnr - tried[world].plain)
     psnr, plain = tried[best]
     problem = "show nothing in the pictures"
     if np.isfinite(psnr):
         problem = (
-            f"do not fit the pictures: PSNR {first.psnr:.1f} dB, at best {psnr:.1f} dB ({best}), and a fit "
-            f"needs {plain + _LEAST_GAIN:.1f} dB, {_LEAST_GAIN:g} more than a single color"
+            f"do not fit the pictures: PSNR at best {psnr:.1f} dB ({best}), and a fit needs "
+            f"{plain + _LEAST_GAIN:.1f} dB, {_LEAST_GAIN:g} more than a single color"
         )
     lacking = "; for nerfstudio, put the training's dataparser_transforms.json beside the file"
     return UserError(
@@ -120,8 +118,7 @@ def _compare(
 def known_worlds(transforms: list[Path], poses: Artifact) -> Iterator[tuple[str, Array]]:
     """The worlds that programs train in, the likely first: names, and (4, 4) similarities to the world of ``poses``.
 
-    UserError if nerfstudio's file among ``transforms`` is damaged.
-    """
+    UserError if nerfstudio's file among ``transforms`` is damaged."""
     notes = poses.facts.get("notes", {})
     unit = np.diag([*[poses.provenance["options"].get("meters_per_unit") or 1.0] * 3, 1.0])
     given = notes.get("applied_transform")

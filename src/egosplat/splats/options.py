@@ -33,7 +33,7 @@ class SplatsOptions(CameraOptions, SeedOptions, BackendOptions, NearPlaneOptions
 
     max_points: Count = 50000
     """Largest number of initial points; never more than max_gaussians. If there are more, a random subset is kept.
-    If there are none, this number of random points is used."""
+    If there are none, each image cell of up to 200 views gets a random one."""
 
     max_gaussians: Count = 100000
     """Largest number of Gaussians. More hold finer detail; memory grows with it, and time where many overlap a

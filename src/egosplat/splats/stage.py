@@ -77,6 +77,8 @@ def run(
     """
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     if options.source is not None:
+        if options.masking == "auto":  # later stages would refuse it
+            open_masking("auto", frames, {})
         _import(output, frames, poses, options, source_files(options.source))
         return
     survey_path = more.get("survey_path")
@@ -237,6 +239,7 @@ def _gather(
                 artifact.put(f"corrections/{name}", values)
             compression = np.mean([part.facts["highlight_compression"] for part in parts])
             facts["highlight_compression"] = float(compression)
+            facts["scene_depth"] = float(np.median([part.facts["scene_depth"] for part in parts]))
             pose, gain = (corrected[name][held_out.frame] for name in ("camera_to_world", "gain"))
             tone = {"log_gain": torch.from_numpy(np.log(gain)), "compression": torch.tensor([compression])}
             held_out = replace(held_out, camera_to_world=pose, **tone)

@@ -27,8 +27,7 @@ def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
     masked = share is None or fleeting is None or share >= limits[0] or fleeting >= limits[1]
     columns = ("moving", "lasting", "voting", "noise_px", "stops")
     return {
-        "verdict": _tell(share, fleeting, limits)
-        + f", so {'moving objects are masked' if masked else 'nothing is masked'}",
+        "verdict": _tell(share, fleeting, limits, masked),
         "masking": "refined" if masked else "none",
         "share": share,
         "min_share": min_share,
@@ -42,15 +41,16 @@ def decide_motion(motion: Motion, min_share: float) -> dict[str, Any]:
     }
 
 
-def _tell(share: float | None, fleeting: float | None, limits: tuple[float, float]) -> str:
+def _tell(share: float | None, fleeting: float | None, limits: tuple[float, float], masked: bool) -> str:
     """What moves, in words."""
+    so = f"so {'moving objects are' if masked else 'nothing is'} masked"
     if share is None or fleeting is None:
-        return "too little can be compared to know what moves"
+        return f"too little can be compared to know what moves, {so}"
     keeps, passes = f"{100 * share:.2f} %", f"{100 * fleeting:.2f} %"
-    if share < _LEAST_SHARE and fleeting <= _LEAST_FLEETING:
-        return f"nothing in view keeps moving, {passes} of the picture flickers"
+    if not masked and share < _LEAST_SHARE and fleeting <= _LEAST_FLEETING:
+        return f"nothing in view keeps moving, {passes} of the picture flickers, {so}"
     limit = " and ".join(f"{100 * one:.3g} %" for one in limits)
-    return f"{keeps} of the picture keeps moving, {passes} moves for a short time (limits: {limit})"
+    return f"{keeps} of the picture keeps moving, {passes} moves for a short time (limits: {limit}), {so}"
 
 
 def decide_camera(motion: Motion) -> dict[str, Any]:

@@ -138,8 +138,8 @@ def _score(inputs: _Inputs, rows: Ints) -> tuple[InstanceScores, InstanceScores,
     for frame in track(rows, "scoring instances", total=len(rows)):
         labels, probability = inputs.labels(frame), transient.row("probability", frame)
         by_probability.add(labels, probability)
-        shown = shown_pixels(frames, frame, np.ones(probability.shape, bool))
-        total += float(np.where(shown, probability.astype(np.float64), 0.0).mean())
+        shown = probability[shown_pixels(frames, frame, np.ones(probability.shape, bool))]
+        total += float(shown.mean(dtype=np.float64)) if shown.size else 0.0
         if measured[frame]:
             outstanding.add(np.where(compared, labels, -1), transient.row("stands_out", frame))
     return by_probability, outstanding, total / max(len(rows), 1)

@@ -3,11 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import torch
 
-from egosplat.arrays import Bools
 from egosplat.artifacts import provenance
 from egosplat.artifacts.checkpoint import Checkpoint
 from egosplat.artifacts.consistency import check_made_from, kept_frames
@@ -19,7 +17,7 @@ from egosplat.gaussians.corrections import resolve_camera
 from egosplat.gaussians.schedule import TrainingOptions
 from egosplat.gaussians.trainer import begin, train_alone
 from egosplat.gaussians.training_views import Views, read_views, split_views
-from egosplat.images import shrink_image
+from egosplat.images import resize_labels, shrink_image
 from egosplat.models.checkpoints import content_hash
 from egosplat.progress import log, track
 from egosplat.rasterize.api import rasterizer_used, training_device
@@ -36,10 +34,9 @@ def run(
     *,
     survey_path: Path | None = None,
 ) -> None:
-    """Write the transient artifact of ``frames`` with ``poses``. A killed run resumes and gives an identical
-    result. The survey excludes frames from training, and decides keys that are ``auto``. UserError: no
-    training frame has a pose, the inputs do not belong together, the weights cannot be read, the backend
-    cannot run, or training diverges."""
+    """Write the transient artifact of ``frames`` with ``poses``. A killed run resumes and gives an identical result. The survey excludes
+    frames from training, and decides keys that are ``auto``. UserError: no training frame has a pose, the inputs do not belong together,
+    the weights cannot be read, the backend cannot run, or training diverges."""
     frames, poses = open_artifact(frames_path, FRAMES), open_artifact(poses_path, POSES)
     check_made_from(poses, frames, axes=("frame",))
     if told := options.stays_at_start():
@@ -94,24 +91,18 @@ def _put_residuals(
 ) -> float | None:
     """Store the residuals of the views, enlarged to the frames; returns their median, None if nothing was measured."""
     count, height, width, _ = frames.shape("rgb")
-
-    def enlarged(small: Bools) -> Bools:
-        values = small.astype(np.uint8)
-        return cv2.resize(values, (width, height), interpolation=cv2.INTER_NEAREST).astype(bool)
-
     residuals = objective.residuals
     size = (views.camera.height, views.camera.width)
     inside = np.ones(size, bool) if views.valid is None else (views.valid > 0).cpu().numpy()
     scale = np.full(count, np.nan, np.float32)
     scale[views.frame[: len(residuals.scale)]] = residuals.scale.cpu().numpy()
     artifact.put("residual_scale", scale)
-    artifact.put("compared", enlarged(inside))
+    artifact.put("compared", resize_labels(inside, width, height))
     artifact.allocate("stands_out", (count, height, width))
     shown = {frame: view for view, frame in enumerate(views.frame[: len(residuals.scale)].tolist())}
-    nothing = np.zeros((height, width), bool)
     for frame in range(count):
-        row = enlarged(residuals.stands_out(shown[frame])) if frame in shown else nothing
-        artifact.put_row("stands_out", frame, row)
+        row = residuals.stands_out(shown[frame]) if frame in shown else inside & False
+        artifact.put_row("stands_out", frame, resize_labels(row, width, height))
     if np.isnan(scale).all():
         return None
     median = float(np.nanmedian(scale))

@@ -102,8 +102,8 @@ def lasting_masks(look: Look, rows: Iterable[int]) -> RegionMasks:
 
 
 def _shrink(mask: Bools) -> Bools:
-    return resize_labels(mask, *shrunk_size(mask.shape[1], mask.shape[0], _SIDE)).astype(bool)
+    return resize_labels(mask, *shrunk_size(mask.shape[1], mask.shape[0], _SIDE))
 
 
 def _enlarge(mask: Bools, like: Bools) -> Bools:
-    return resize_labels(mask, like.shape[1], like.shape[0]).astype(bool)
+    return resize_labels(mask, like.shape[1], like.shape[0])

@@ -11,7 +11,7 @@ from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import SCHEMAS
 from egosplat.errors import UserError, user_message
 from egosplat.pipeline.home import NAMES, check_scene_folder, title_of
-from egosplat.pipeline.stages import STAGES, run_stage
+from egosplat.pipeline.stages import STAGES
 from egosplat.progress import log
 from egosplat.query.options import AskingOptions
 from egosplat.viewing.html import Facts, facts_of, record_of
@@ -22,9 +22,8 @@ _PAGE = STAGES["scene_page"]
 
 
 def run(folder: Path, options: PageOptions, host: str, port: int) -> None:
-    """Serve the page of a scene until Ctrl-C; phrases that it does not know are asked here (UserError: an
-    artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or the port is in
-    use)."""
+    """Serve the page of a scene until Ctrl-C; phrases that it does not know are asked here (UserError: an artifact is missing, damaged or
+    does not belong to the others; its OpenCLIP is missing; or the port is in use)."""
     check_scene_folder(folder, _PAGE.inputs)
     # Before the page is made, which takes seconds.
     with PageServer(host, port) as server:
@@ -45,10 +44,13 @@ def show(server: PageServer, folder: Path, options: PageOptions) -> None:
 
 def write_page(folder: Path, output: Path, options: AskingOptions, title: str | None = None) -> None:
     """Write the scene page of a finished scene; its title is ``dataset/scene`` unless given. Raises as the stage."""
+    from egosplat.query.finished_scene import scene_of
+    from egosplat.viewing import stage
+
     artifacts = _open_inputs(folder)
-    paths = {name: artifact.path for name, artifact in artifacts.items()}
-    page = page_options(artifacts["features"], options)
-    run_stage(_PAGE.name, page, **paths, output=output, title=title or title_of(folder))
+    keys = page_options(artifacts["features"], options)
+    scene = scene_of(artifacts.values(), keys, folder)
+    stage.write_page(scene, output, keys, title or title_of(folder))
 
 
 def _open_inputs(folder: Path) -> dict[str, Artifact]:
@@ -70,8 +72,7 @@ def page_options(features: Artifact, options: AskingOptions) -> ScenePageOptions
 def open_page(folder: Path, options: PageOptions) -> tuple[str, Ask]:
     """The page of a scene, and what answers phrases that the page does not know; errors as in ``run``.
 
-    The page in the folder is taken if it was made from the same artifacts with the same options.
-    """
+    The page in the folder is taken if it was made from the same artifacts with the same options."""
     artifacts = _open_inputs(folder)
     keys = page_options(artifacts["features"], options)
 

@@ -32,9 +32,8 @@ DTYPES = {"uint8", "int8", "uint16", "float16", "float32"}
 def pack(facts: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
     """Pack facts and arrays for ``source/container.js``: gzip in base64, which holds no character that HTML would read as markup.
 
-    Behind the length of the header (uint32) and the header (JSON: facts, and dtype and shape of each array) lie the arrays in order.
-    The first bytes of all numbers come before the second bytes: equal bytes in a row compress better.
-    """
+    Behind the length of the header (uint32) and the header (JSON: facts, and dtype and shape of each array) lie the arrays in order. The
+    first bytes of all numbers come before the second bytes: equal bytes in a row compress better."""
     assert {values.dtype.name for values in arrays.values()} <= DTYPES
     described = {name: {"dtype": values.dtype.name, "shape": values.shape} for name, values in arrays.items()}
     header = json.dumps({"facts": facts, "arrays": described}, allow_nan=False).encode()
@@ -89,8 +88,8 @@ def served_html(page: str, asking: str) -> str:
     return page.replace('<html lang="en">', f'<html lang="en" data-asking="{escape(asking)}">', 1)
 
 
-def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions, folder: Path) -> Facts:
-    """The version, the artifacts' digests, the options and a scene's own fit: pages with equal records show and answer the same."""
+def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions, folder: Path | None) -> Facts:
+    """The version, the artifacts' digests, the options and a folder's own fit: pages with equal records show and answer the same."""
     values = options.as_dict()
     # The other keys change no answer of a whole scene, or say which OpenCLIP, which features.zarr tells.
     kept = (*HELD, "present_share", "max_gaussians")
@@ -98,7 +97,7 @@ def record_of(artifacts: Iterable[Artifact], options: ScenePageOptions, folder: 
         "version": egosplat.__version__,
         "made_from": {artifact.path.name: artifact.digest for artifact in artifacts},
         "options": {name: values[name] for name in kept},
-        "own_fit": own.read_text(errors="replace") if (own := folder / OWN_FITS).is_file() else "",
+        "own_fit": own.read_text(errors="replace") if folder and (own := folder / OWN_FITS).is_file() else "",
     }
 
 

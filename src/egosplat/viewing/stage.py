@@ -39,10 +39,14 @@ SECOND, PICTURES, SIDE, QUALITY = 2, 40, 256, 60
 
 
 def run(*, output: Path, options: ScenePageOptions, title: str, **paths: Path | None) -> None:
-    """Write the page of a scene, whole or not at all; with what is carried, and what rests, if it is known
-    (UserError: an artifact is missing, damaged or does not belong to the others; its OpenCLIP is missing; or
-    no frame has a pose)."""
-    text, facts = make_page(scene_of(open_inputs(paths).values(), options), options, title)
+    """Write the page of a scene, whole or not at all; with what is carried, and what rests, if it is known (UserError: an artifact is
+    missing, damaged or does not belong to the others; its OpenCLIP is missing; or no frame has a pose)."""
+    write_page(scene_of(open_inputs(paths).values(), options), output, options, title)
+
+
+def write_page(scene: Scene, output: Path, options: ScenePageOptions, title: str) -> None:
+    """Write what ``make_page`` makes."""
+    text, facts = make_page(scene, options, title)
     write_text(output, text)
     log(f"{output}: {len(text) / 1e6:.1f} MB, {facts['count']} Gaussians")
 
@@ -51,7 +55,7 @@ def make_page(scene: Scene, options: ScenePageOptions, title: str) -> tuple[str,
     """Make the page of a scene that was opened with all inputs of the stage; with its facts."""
     facts, arrays = scene_data(scene, options)
     facts |= {"title": title, "warnings": warnings_of(*scene.made_from.found.values())}
-    facts |= record_of(scene.given, options, scene.folder)
+    facts |= record_of(scene.given, options, None if scene.checked else scene.folder)
     return scene_html(f"{title}: egosplat", pack(facts, arrays)), facts
 
 
@@ -131,8 +135,7 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
 def pack_frames(frames: Artifact, camera_to_world: Array, seconds: Array) -> tuple[Arrays, Facts]:
     """Pack ``poses`` (P, 3, 4) float32 of the (F, 4, 4) that are not NaN, ``seconds`` since the first frame, and ``pictures``.
 
-    These are uint8, WebP files of some frames in a row.
-    """
+    These are uint8, WebP files of some frames in a row."""
     posed = known_poses(camera_to_world)
     shown = posed[evenly_spaced(len(posed), PICTURES)].tolist()
     files = [encode_webp(shrink_image(frames.row("rgb", frame), SIDE), QUALITY) for frame in shown]

@@ -87,7 +87,7 @@ DATA = "data_root.mine=data"
         ({"config/scenes.tsv": "dataset\n"}, "", "scenes", MISSING, ""),
         ({}, "transient.lr=0.00001", "transient", NOTE, "transient.lr to 0.00071 or more"),
         # Recordings are counted and named.
-        ({}, DATA, "mine recordings", MISSING, "0 of 2 below data.*data_root.mine"),
+        ({}, DATA, "mine recordings", MISSING, "0 of 2 below data.*or data_root"),
         ({"data/b.mp4": ""}, DATA, "mine recordings", MISSING, r"1 of 2.*: a \(data/a.mp4\)"),
         ({"data/a.mp4": "", "data/b.mp4": ""}, DATA, "mine recordings", OK, "2 of 2 below data"),
         # A missing one is an error for rows of the user, not for those of the shipped table before a root is set.

@@ -230,8 +230,6 @@ def test_counts_provenance_and_costs(usual):
     own, parts = usual["provenance"], usual["artifacts"].values()
     assert clip["small"] and own["models"] == {"clip_checkpoint": clip["hash"]}
     assert own["options"]["temperature"] == 10.0
-    assert usual["total"]["wall_s"] == pytest.approx(own["wall_s"] + sum(one["wall_s"] for one in parts))
-    assert usual["total"]["peak_memory_mb"] >= own["peak_memory_mb"]
     assert all(one["disk_mb"] > 0 and one["cpu_s"] >= 0 for one in parts)
 
 
@@ -252,7 +250,6 @@ def test_no_queries_give_no_scores(word_scene, given, keys, frames):
     score = {name: value for name, value in found["scores"]["all"].items() if value is not None}
     assert score == {"count": 0, "categories": 0} and found["rendering"]["all"]["frames"] == frames
     assert found["artifacts"]["view_features.zarr"] is None
-    assert found["total"] == {"wall_s": None, "peak_memory_mb": None}
 
 
 def test_check_calls_metrics_of_other_artifacts_and_no_metrics_unsound(word_scene, tmp_path):

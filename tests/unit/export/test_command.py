@@ -1,6 +1,7 @@
 """``egosplat export``: a scene in formats of other programs, read back by these or by libraries; ``egosplat movie``."""
 
 import json
+import shutil
 import sys
 from functools import partial
 
@@ -17,6 +18,7 @@ from egosplat.artifacts.schemas import FRAMES, POSES
 from egosplat.calibration.transforms_json import read_transforms
 from egosplat.export.movie import way
 from tests.support.page_scene import CAMERA
+from tests.support.scenes import put
 
 POSED = [0, 1, 2, 4]
 """Frames of the scene that have a pose."""
@@ -117,8 +119,11 @@ def test_nerfstudio_cameras(page_scene, export, tmp_path):
     assert all(Image.open(tmp_path / "x" / name).size == (CAMERA.width, CAMERA.height) for name in masks)
 
 
-def test_colmap_cameras(page_scene, export, tmp_path):
-    status, _, said = export("--format", "colmap", "--output", tmp_path / "x")
+def test_colmap_cameras(page_scene, run_command, tmp_path):
+    """Masks of other frames, which another run left, are left out."""
+    scene = shutil.copytree(page_scene, tmp_path / "scene1")
+    put(scene, "masks", inputs={"frames.zarr": "0" * 64}, size=1)
+    status, _, said = run_command("export", scene, "--format", "colmap", "--output", tmp_path / "x")
     assert status == 0, said
     model = pycolmap.Reconstruction(tmp_path / "x/sparse/0")
     assert {path.suffix for path in (tmp_path / "x/sparse/0").iterdir()} == {".txt", ".bin"}

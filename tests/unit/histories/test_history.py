@@ -79,9 +79,8 @@ def test_a_time_that_is_none_is_an_error():
 
 
 def history(rests, links, features=(CUP,), query=CUP, step=10, **changes):
-    """What a query means was carried, of a scene whose words are cup, box and hand. ``rests``: (thing, first
-    second, last second, place) of each. ``links``: (thing, rest before, rest after) of each carry, in turn at
-    0, ``step`` ... s for five seconds."""
+    """What a query means was carried, of a scene whose words are cup, box and hand. ``rests``: (thing, first second, last second,
+    place) of each. ``links``: (thing, rest before, rest after) of each carry, in turn at 0, ``step`` ... s for five seconds."""
     first, count = step * np.arange(len(links)), len(links)
     arrays = {"first_frame": first, "last_frame": first + 5, "best_frame": first}
     arrays |= {"size": np.full(count, 0.1), "box": np.zeros((count, 4), np.int32)}

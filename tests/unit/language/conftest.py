@@ -63,9 +63,8 @@ def feature_arrays(codes: np.ndarray, level: np.ndarray, views: np.ndarray) -> d
 
 @pytest.fixture
 def scene(tmp_path, wall, camera_to_world, labels) -> Callable[..., Path]:
-    """``scene(target=, rows=, levels=)``: a folder with all that the stage reads but the splats. ``target``
-    is features.supervision; ``rows`` are (instance, frame) of the views that were encoded, by default all;
-    ``levels`` are of the instances."""
+    """``scene(target=, rows=, levels=)``: a folder with all that the stage reads but the splats. ``target`` is features.supervision;
+    ``rows`` are (instance, frame) of the views that were encoded, by default all; ``levels`` are of the instances."""
 
     def make(
         target: str = "average", rows: list[tuple[int, int]] | None = None, levels: Sequence[int] = (1, 1, 0)

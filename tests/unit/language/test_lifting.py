@@ -10,8 +10,8 @@ from egosplat.gaussians.render import view_of
 from egosplat.language import dominant as module
 from egosplat.language.centers import look_at_centers
 from egosplat.language.dominant import lift_instances, sum_votes
-from egosplat.language.lifting import lift
 from egosplat.rasterize.view import composite, render_codes
+from egosplat_rivals.splat_feature_solver import lift
 from tests.support.gaussian_scene import SETTINGS
 from tests.support.scenes import LEVELS
 from tests.unit.language.conftest import CAMERA, CODES, HELD_OUT

@@ -65,7 +65,7 @@ def test_codes_are_lifted_with_the_poses_that_training_refined(trained, monkeypa
     used: list[CodeViews] = []
     watched = lambda lift: lambda views, *others: used.append(views) or lift(views, *others)
     monkeypatch.setattr(dominant, "METHOD", Method(watched(dominant.lift_instances)))
-    monkeypatch.setattr(joint, "lift", watched(joint.lift))
+    monkeypatch.setattr(joint, "shares", watched(joint.shares))
     folder = trained(refine_poses="on", compensate_exposure="on", language=language)
     run(folder)
     views, splats = used[-1], verify(folder / "splats.zarr", SCHEMAS)

@@ -1,6 +1,5 @@
-"""Each published architecture of the catalogue loads from a file in its published format and runs, SAM2's
-smallest and OpenCLIP also in bfloat16. The weights are random: no published file is here. Loading, shapes and
-dtypes do not depend on their values."""
+"""Each published architecture of the catalogue loads from a file in its published format and runs, SAM2's smallest and OpenCLIP also in
+bfloat16. The weights are random: no published file is here. Loading, shapes and dtypes do not depend on their values."""
 
 import shutil
 from collections.abc import Iterator

@@ -9,7 +9,7 @@ from egosplat.errors import UserError
 from egosplat.pipeline import config
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.pipeline.strict_yaml import load_yaml, read_yaml
-from egosplat.pipeline.variants import variant_config
+from egosplat.pipeline.variants import variant_config, with_presets
 from tests.support import HEADER, PRESETS
 
 ROW = HEADER + "adt\ts\tadt\tr\t\n"
@@ -152,3 +152,9 @@ def test_a_faulty_yaml_file_is_named_with_line_and_column(tmp_path, text, where)
 def test_keys_of_several_mappings_may_be_alike_and_numbers_may_have_an_exponent(text, value):
     found = load_yaml(text)
     assert found == value and type(found) is type(value)
+
+
+def test_presets_that_are_not_chosen_are_checked(tmp_path):
+    (tmp_path / "draft.yaml").write_text("frames: {resolutoin: 300}")
+    with pytest.raises(UserError, match="preset draft.yaml: .*frames.resolutoin"):
+        with_presets(config.resolve({}, tmp_path), tmp_path, "adt")

@@ -81,10 +81,11 @@ def test_a_variant_has_the_answers_of_what_it_shares(work):
         (lambda scene: scene.artifact("masks"), "masks.zarr"),
         (lambda scene: scene.artifact("poses").read("ups"), "no array 'ups' in camera_to_world"),
         (lambda scene: egosplat.export_scene(scene, "x.txt"), "x.txt"),
+        (lambda scene: egosplat.export_scene("results/adt/scene1", format="splat"), "'splat': is unknown"),
         (lambda scene: egosplat.open_scene("results/adt/scene9"), "results/adt/scene9/l"),
         (lambda scene: egosplat.run_stage("splat"), "splats"),
         (lambda scene: egosplat.run_stage("splats", frames="f"), "output, poses"),
-        (lambda scene: egosplat.run_stage("contact_sheet", **SHEET, x=1), "x"),
+        (lambda scene: egosplat.run_stage("contact_sheet", **SHEET | {"poses": None}, x=1), "x is no input"),
     ],
 )
 def test_a_mistake_is_named(work, call, said):

@@ -73,6 +73,8 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
         (["query", "--like", "small.png"], "small.png: 8x90 px"),
         (["query", "--like", "text.png"], "text.png: not a readable image"),
         (["query", "my mug", "--names", "text.png"], "text.png: is no file of names"),
+        (["query", "--like", "text.png", "--names", "old.json"], "--names: goes with words"),
+        (["query", "My  mug", "--names", "old.json", "--frame", "1"], "--at: go with words alone"),
         (["query", "my mug", "--names", "old.json"], "'my mug': was named with another OpenCLIP"),
         (["name", "cup", " "], "name: is blank"),
         (["name", "9,9,9", "mug"], "9,9,9: no thing is there"),

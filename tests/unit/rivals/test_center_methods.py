@@ -8,11 +8,11 @@ import torch
 
 from egosplat.gaussians.model import Gaussians
 from egosplat.geometry import Camera
-from egosplat.language.lifting import lift
 from egosplat.language.targets import Targets
 from egosplat.language.views import CodeViews
 from egosplat_rivals.occam import average_at_centers
 from egosplat_rivals.semantic_gaussians import EVERY, pixel_features, project_views
+from egosplat_rivals.splat_feature_solver import lift
 from tests.support.gaussian_scene import SETTINGS
 from tests.support.splats import blobs
 

@@ -9,7 +9,6 @@ import torch
 
 from egosplat.errors import UserError
 from egosplat.gaussians.model import Gaussians
-from egosplat.language.lifting import lift
 from egosplat.language.options import LanguageOptions
 from egosplat.language.targets import Targets
 from egosplat.pipeline.config import defaults, stage_values
@@ -19,6 +18,7 @@ from egosplat_rivals.splat_feature_solver import (
     SHARPENING,
     agreeing,
     clusters_of,
+    lift,
     lift_clusters,
     mask_means,
     principal_components,

@@ -83,9 +83,8 @@ def test_memory_does_not_grow(sam2, encoded):
 
 @pytest.fixture
 def steps(sam2, encoded, monkeypatch):
-    """``steps(visible, last, **changes)``: what is searched in frames 1 to ``last``, what is seen, and
-    whether tracking ended. Two objects are tracked, of which ``visible(object, frame)`` says whether they can
-    be found."""
+    """``steps(visible, last, **changes)``: what is searched in frames 1 to ``last``, what is seen, and whether tracking ended. Two
+    objects are tracked, of which ``visible(object, frame)`` says whether they can be found."""
 
     def run(visible, last: int, **changes):
         searched: dict[int, list[int]] = {}

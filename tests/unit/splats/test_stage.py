@@ -62,10 +62,11 @@ def test_a_static_scene_trains_on_all_frames_but_with_masks_on_the_kept_ones(sce
         assert kept_frames(frames, survey, masking)[0].sum() == number
 
 
-def test_masking_auto_needs_the_survey(scene):
+@pytest.mark.parametrize("source", [None, __file__])
+def test_masking_auto_needs_the_survey(scene, source):
     folder = scene()
-    with pytest.raises(UserError, match="splats.masking = auto.*--masking"):
-        run(folder, masking="auto")
+    with pytest.raises(UserError, match="splats.masking = auto.*none or refined"):
+        run(folder, masking="auto", source=source)
     assert not (folder / "splats.zarr").exists()
 
 

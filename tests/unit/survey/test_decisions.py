@@ -30,7 +30,7 @@ def motion(lasting=0.0, fleeting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6
         (5.9e-3, 1.4e-3, 0.012, "1.18 % of the picture keeps moving", "none"),
         (6e-3, 0.0, 0.012, "1.20 % of the picture keeps moving", "refined"),
         (0.0, 1.5e-3, 0.012, "0.30 % moves for a short time (limits: 1.2 % and 0.3 %)", "refined"),
-        (0.0, 0.0, 0.0, "nothing in view keeps moving", "refined"),
+        (0.0, 0.0, 0.0, "0.00 % moves for a short time (limits: 0 % and 0 %)", "refined"),
         (0.375, 0.12, 1.0, "75.00 % of the picture keeps moving", "none"),
     ],
 )
