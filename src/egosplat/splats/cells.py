@@ -74,7 +74,7 @@ def join_corrections(
     held = np.stack([cell.holds(centers) for cell in cells])
     owner = held.argmax(axis=0)
     # A frame without a pose is in no cell, and stays as it is.
-    moved = offsets[owner] * held.any(axis=0)[:, None]
+    moved = offsets[owner] * held.any(axis=0, keepdims=True).T
     own = {name: values[owner, np.arange(len(owner))] for name, values in every.items()}
     own["shift"] += moved[:, :3]
     own["camera_to_world"][:, :3, 3] += moved[:, :3]

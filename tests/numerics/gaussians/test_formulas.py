@@ -169,5 +169,5 @@ def test_starting_points_beyond_float32(value):
     start = from_points(points, rgb, **keys)
     assert start.means[:, 2].tolist() == [1.0, 3.0]
     np.testing.assert_allclose(start.sh[:, 0, 0].numpy() * SH_C0 + 0.5, [0, 100 / 255], atol=1e-6)
-    with pytest.raises(UserError, match="no finite point"):
+    with pytest.raises(UserError, match="no point to start from"):
         from_points(points[1:2], rgb[1:2], **keys)
