@@ -313,8 +313,12 @@ def check_parts(recording: Path) -> None:
     others = sorted(model.parent.glob("[1-9]*")) if model.name == "0" else []
     # One alone is not read: an hour's has gigabytes.
     if others and (largest := max([model, *others], key=lambda part: len(_names(part)))) != model:
-        link = shlex.join(["ln", "-s", str(largest), str(recording.absolute() / "colmap")])
-        raise UserError(f"{model}: {largest} has more pictures, of another part. Choose one, as by: {link}")
+        own = recording.absolute() / "colmap"
+        aside = shlex.join(["mv", str(own), f"{own}_old"]) + " && " if own.exists() else ""
+        link = shlex.join(["ln", "-s", str(largest), str(own)])
+        raise UserError(
+            f"{model}: {largest} has more pictures, of another part. Choose one, as by: {aside}{link}"
+        )
 
 
 def known_pose_files(recording: Path, wanted: str) -> list[Path]:
@@ -346,7 +350,7 @@ def picture_folders(recording: Path, wanted: str) -> list[Path]:
     roots = [root for root in (recording, recording / PROJECT_PICTURES) if root.is_dir()]
     choices = [*(_named_folders(recording, root, names) for root in roots), *([root] for root in roots)]
     for folders in choices:
-        if any(path.suffix.lower() in PICTURES for folder in folders for path in folder.iterdir()):
+        if any(map(list_pictures, folders)):
             return folders
     return [recording]
 

@@ -167,14 +167,15 @@ class Rectifier:
         if self.is_identity:
             return
         # Of each pixel of the pinhole camera, column and row in the picture [px, pixel centers at integers as in OpenCV].
-        camera, positions = lens.colmap(), np.empty((target.height, target.width, 2), np.float32)
+        camera = lens.colmap()
+        self._u, self._v = np.empty((2, target.height, target.width), np.float32)
         x = (np.arange(target.width) + 0.5 - target.cx) / target.fx
         for start in range(0, target.height, _ROWS_PER_BLOCK):
             y = (np.arange(start, min(start + _ROWS_PER_BLOCK, target.height)) + 0.5 - target.cy) / target.fy
             rays = np.stack([*np.meshgrid(x, y), np.ones((len(y), len(x)))], axis=-1)
             shown = np.asarray(camera.img_from_cam(rays.reshape(-1, 3))).reshape(len(y), len(x), 2)
-            positions[start : start + len(y)] = np.nan_to_num(shown - 0.5, nan=_OUTSIDE)
-        self._u, self._v = map(np.ascontiguousarray, np.moveaxis(positions, -1, 0))
+            rows = np.s_[start : start + len(y)]
+            self._u[rows], self._v[rows] = np.moveaxis(np.nan_to_num(shown - 0.5, nan=_OUTSIDE), -1, 0)
 
     def image(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 picture -> (H, W, 3) uint8 of the pinhole camera, sampled bilinearly."""

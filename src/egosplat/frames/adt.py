@@ -57,7 +57,9 @@ def open_recording(folder: Path, options: FramesOptions) -> Recording:
         for frame in frames[indices].tolist():
             image = read_checked(path, f"RGB frame {frame} ", partial(read, frame))
             if image is None or not image.any():
-                raise UserError(f"{path}: RGB frame {frame} is black. Exclude it with start_s and end_s.")
+                raise UserError(
+                    f"{path}: RGB frame {frame} is black. Exclude it with frames.start_s and frames.end_s."
+                )
             yield image
 
     return Recording(

@@ -62,7 +62,9 @@ def open_recording(path: Path, options: FramesOptions) -> Recording:
     video = open_video(folder / HOI4D_VIDEO)
     (width, height), resolution = video.size, options.resolution
     if resolution > width:
-        raise UserError(f"resolution: {resolution} px, but {video.path} has {width}. Choose 1 to {width}.")
+        raise UserError(
+            f"frames.resolution: {resolution} px, but {video.path} has {width}. Choose 32 to {width}."
+        )
     if not (files := intrinsics_files(folder)):
         place = f"camera_params/{sequence_parts(folder)[0]}/intrin.npy"
         raise UserError(f"{folder}: has no intrinsics. Put them at {place} in the dataset's root folder.")

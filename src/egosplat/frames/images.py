@@ -44,7 +44,7 @@ class Picture:
         stored: width and height in the file [px].
         orientation, alpha: by EXIF, and whether it may have transparent pixels.
         masks: each with whether its pixels that are not black are left out, as instant-ngp's are, or its black ones.
-        lens: the index of its lens.
+        lens, entry: the index of its lens, and of its entry in the known poses, -1 for none.
     """
 
     path: Path
@@ -54,6 +54,7 @@ class Picture:
     alpha: bool = False
     masks: tuple[tuple[Path, bool], ...] = ()
     lens: int = 0
+    entry: int = -1
 
 
 @dataclass(frozen=True)

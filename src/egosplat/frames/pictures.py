@@ -96,7 +96,7 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
     focal = FOCAL_PRIOR * max(width, height)
     full = every.pinhole or Camera(width, height, focal, focal, width / 2, height / 2)
     if options.resolution > (longest := max(full.width, full.height)):
-        log(f"{path.name}: frames keep their {longest} px, less than resolution: {options.resolution}")
+        log(f"{path.name}: frames keep their {longest} px, less than frames.resolution: {options.resolution}")
     size, valid = shrunk_size(full.width, full.height, options.resolution), _read_valid(path, every)
     frames, labeled = _choose_frames(every, path, options, find_labeled)
     pictures = Pictures(every.keep(frames), valid, every.pinhole, size)
@@ -124,6 +124,7 @@ def open_recording(path: Path, options: FramesOptions, find_labeled: FindLabeled
             "pinhole": asdict(pinhole) if pinhole else None,
             "lenses": [asdict(lens) for lens in source.lenses],
             "lens_of_frame": [picture.lens for picture in source.pictures],
+            "entry_of_frame": [picture.entry for picture in source.pictures],
         },
     )
 
@@ -162,12 +163,12 @@ def calibrate(path: Path, kind: str | None, source: Source) -> Source:
     if turned := sum(picture.orientation in (2, 3, 4) for picture in source.pictures):
         way = "turned by it" if isinstance(source, Video) else "as they are stored"
         log(f"{path}: {turned} frames have an orientation, as 180 degrees; {known} has to be of frames {way}")
-    pictures = []
-    for picture, entry in zip(source.pictures, row, strict=True):
+    pictures, lens_of = [], contents.lens_of.tolist()
+    for picture, entry in zip(source.pictures, row.tolist(), strict=True):
         mask = contents.masks[entry] if contents.masks and entry >= 0 else None
         masks = (*picture.masks, (mask, False)) if mask else picture.masks
         # Without an entry the last one stands, which has the only lens.
-        pictures.append(replace(picture, lens=int(contents.lens_of[entry]), masks=masks))
+        pictures.append(replace(picture, lens=lens_of[entry], entry=entry, masks=masks))
     source = replace(source, pictures=pictures, lenses=contents.lenses)
     # COLMAP reads pictures as they are stored; they are turned by EXIF only if this is their camera's size.
     if _misfit(source) is not None and _misfit(turned := replace(source, turned=True)) is None:

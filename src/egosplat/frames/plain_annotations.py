@@ -55,13 +55,13 @@ def read_instances(path: Path) -> list[Instance]:
     """Read ``instances.tsv`` in its order; UserError if it is unreadable, lacks a column, or has a bad line."""
     try:
         reader = csv.DictReader(io.StringIO(read_user_text(path), newline=""), delimiter="\t")
-        columns, lines = reader.fieldnames or [], list(reader)
+        columns, lines = reader.fieldnames or [], [(reader.line_num, line) for line in reader]
     except (OSError, csv.Error) as error:
         raise UserError(f"{path}: not a readable table ({error}).") from error
     if missing := [column for column in _COLUMNS if column not in columns]:
         raise UserError(f"{path}: has no column {missing[0]!r} of {', '.join(_COLUMNS)}, separated by tabs.")
     instances, line_of = [], {}
-    for number, line in enumerate(lines, start=2):
+    for number, line in lines:
         where, cells = f"{path}: line {number}", {"instance_type": "object"}
         cells |= {column: text.strip() for column in columns if (text := line[column])}
         if empty := [column for column in _COLUMNS if not cells.get(column)]:

@@ -30,7 +30,7 @@ def select_frames(timestamp_ns: Ints, options: FramesOptions, source: Path) -> I
     selected = np.flatnonzero(in_range)[:: options.stride].astype(np.int64)
     if not len(selected):
         last = f"the last one is at {elapsed_ns[-1] * 1e-9:.3f} s"
-        raise UserError(f"{source}: no frame between start_s and end_s; {last}.")
+        raise UserError(f"{source}: no frame between frames.start_s and frames.end_s; {last}.")
     return selected
 
 

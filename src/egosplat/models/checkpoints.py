@@ -14,10 +14,7 @@ from typing import Any
 
 from egosplat.errors import UserError
 from egosplat.files import expand_home
-from egosplat.pipeline.model_sets import CATALOGUE
-
-# The configuration's values for the bundled models, and for those that suit photographs better.
-SMALL, PHOTOS = "small", "photos"
+from egosplat.pipeline.model_sets import CATALOGUE, PHOTOS, SMALL
 
 SMALL_SAM2 = Path(__file__).parent / "small_sam2" / "sam2.yaml"
 SMALL_CLIP = Path(__file__).parent / "small_open_clip"

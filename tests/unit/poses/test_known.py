@@ -53,6 +53,7 @@ def run(recording: Path, frames: dict[str, object], **poses: object) -> tuple[Ar
 def test_a_model_calibrates_the_frames_and_gives_their_poses(recording, capsys):
     frames, poses = run(recording, {"stride": 2})
     assert frames.facts["pictures"] == ["0.png", "2.png", "4.png"] and frames.facts["known_poses"] == "colmap"
+    assert frames.facts["entry_of_frame"] == [0, 2, 4], "by all pictures: of fewer, a name may end another's"
     assert frames.facts["lenses"][0]["model"] == "RADIAL" and frames.facts["camera_known"]
     np.testing.assert_array_equal(poses.read("intrinsics"), Camera(**frames.facts["camera"]).matrix)
     assert poses.read("registered").all()

@@ -74,7 +74,7 @@ def _estimate(
     """A radial lens from some frames, and whether they ask for it; UserError without a model of ``MIN_PICTURES`` of them."""
     registered = 0
     radial = Lens("RADIAL", camera.width, camera.height, (camera.fx, camera.cx, camera.cy, 0.0, 0.0))
-    for frames in choices(count):
+    for frames in choices(count) if count >= MIN_PICTURES else ():
         masks = None if shown is None else map(shown, frames.tolist())
         models, _ = reconstruct("egosplat-lens-", read(frames), valid, masks, radial.colmap(), "exhaustive")
         for model in sorted(models, key=lambda model: -model.num_reg_images())[:1]:
