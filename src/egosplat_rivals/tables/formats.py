@@ -10,7 +10,7 @@ from pandas.io.formats.style import Styler
 from egosplat_rivals.scored_scenes import Cell
 from egosplat_rivals.tables.table import SYNTHETIC, Layout, Row, blocks, number, ranks
 
-COMMAND = "egosplat tables"
+COMMAND = "egosplat-rivals tables"
 # By rank: none, the best number, the second best one.
 _STYLE_RANKS = ("", "font-weight: bold; color: #c00000", "font-weight: bold; color: #007070")
 _LABEL = "text-align: left; white-space: normal; min-width: 19rem; font-size: .85rem"

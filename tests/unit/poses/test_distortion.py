@@ -62,10 +62,10 @@ def test_rendered_pictures_of_a_barrel_lens_are_rectified(room):
 
 def test_without_a_model_a_pinhole_camera_is_taken_and_not_on_a_full_disk(capsys, monkeypatch):
     camera = Camera(64, 48, 77.0, 77.0, 32.0, 24.0)
-    blank = [np.full((48, 64, 3), 90, np.uint8)] * 4
+    blank = [np.full((48, 64, 3), 90, np.uint8)] * 8
     valid = np.ones((48, 64), bool)
-    assert lens_of_frames(lambda frames: (blank[i] for i in frames), 4, valid, camera) is None
+    assert lens_of_frames(lambda frames: (blank[i] for i in frames), 8, valid, camera) is None
     assert "taken as a pinhole camera, because" in capsys.readouterr().err
     monkeypatch.setattr("shutil.disk_usage", lambda _: type("", (), {"free": 0}))
     with pytest.raises(OSError, match="0 MiB are free.*TMPDIR"):
-        lens_of_frames(lambda frames: (blank[i] for i in frames), 4, valid, camera)
+        lens_of_frames(lambda frames: (blank[i] for i in frames), 8, valid, camera)
