@@ -36,9 +36,7 @@ class Measure:
 
 
 COSTS = {
-    "wall_s": Measure(
-        "time", "min", 1 / 60, 1, "wall time of all stages but the survey, one after the other"
-    ),
+    "wall_s": Measure("time", "min", 1 / 60, 1, "wall time of stages but the survey, one after the other"),
     "cpu_s": Measure("CPU time", "min", 1 / 60, 1, "processor time of all threads"),
     "peak_memory_mb": Measure("memory", "MiB", 1.0, 0, "peak of all stages"),
     "disk_mb": Measure("disk", "MiB", 1.0, 0, "of all artifacts"),
