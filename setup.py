@@ -19,7 +19,7 @@ KERNELS, RAYS = "egosplat/rasterize/kernels", "egosplat_apartments/rays"
 
 # Files of the checkout that egosplat.pipeline.home looks for in this folder of an installed package.
 SHIPPED = "egosplat/shipped"
-WORKFLOW = ("workflow/**/*", "config/**/*.yaml", "config/scenes.tsv")
+WORKFLOW = ("workflow/**/*", "config/config.yaml", "config/presets/*.yaml", "config/scenes.tsv")
 
 sys.path[:0] = [str(ROOT), str(ROOT / "src")]
 

@@ -50,8 +50,8 @@ use rule tiles as tiles_chunk with:
 rule tables:
     """Write the scores of all scenes and variants as the paper's tables, next to its printed numbers."""
     input:
-        metrics=lambda _: compared.table_scores(scenes.values()),
-        pictures=lambda _: compared.table_pictures(scenes.values()),
+        metrics=lambda _: or_exit(compared.table_scores, scenes.values()),
+        pictures=lambda _: or_exit(compared.table_pictures, scenes.values()),
     output:
         expand("results/benchmark/{name}.csv", name=TABLES),
         page=report(
@@ -98,13 +98,17 @@ rule tradeoff:
         "egosplat-rivals tradeoff --output {params.folder:q} {input.metrics:q} 2>&1 | tee {log:q}"
 
 
+def tradeoff_scores():
+    """Get the scores of all scenes that the page compares."""
+    every = [
+        job_named(*name.split("/")).scene for name in settings["tradeoff"]["scenes"]
+    ]
+    return [path for scene in every for path in compared.compared_variants(scene)]
+
+
 use rule tradeoff as tradeoff_scenes with:
     input:
-        metrics=lambda _: [
-            path
-            for name in settings["tradeoff"]["scenes"]
-            for path in compared.compared_variants(job_named(*name.split("/")).scene)
-        ],
+        metrics=lambda _: or_exit(tradeoff_scores),
     output:
         multiext("results/benchmark/tradeoff", ".csv", ".png"),
         page=report(
