@@ -98,17 +98,17 @@ rule tradeoff:
         "egosplat-rivals tradeoff --output {params.folder:q} {input.metrics:q} 2>&1 | tee {log:q}"
 
 
-def tradeoff_scores():
-    """Get the scores of all scenes that the page compares."""
-    every = [
-        job_named(*name.split("/")).scene for name in settings["tradeoff"]["scenes"]
-    ]
-    return [path for scene in every for path in compared.compared_variants(scene)]
-
-
 use rule tradeoff as tradeoff_scenes with:
     input:
-        metrics=lambda _: or_exit(tradeoff_scores),
+        metrics=lambda _: or_exit(
+            lambda: [
+                path
+                for name in settings["tradeoff"]["scenes"]
+                for path in compared.compared_variants(
+                    job_named(*name.split("/")).scene
+                )
+            ]
+        ),
     output:
         multiext("results/benchmark/tradeoff", ".csv", ".png"),
         page=report(
