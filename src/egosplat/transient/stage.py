@@ -101,7 +101,7 @@ def _put_residuals(
     artifact.allocate("stands_out", (count, height, width))
     shown = {frame: view for view, frame in enumerate(views.frame[: len(residuals.scale)].tolist())}
     for frame in range(count):
-        row = residuals.stands_out(shown[frame]) if frame in shown else inside & False
+        row = residuals.stands_out(shown[frame]) if frame in shown else np.zeros_like(inside)
         artifact.put_row("stands_out", frame, resize_labels(row, width, height))
     if np.isnan(scale).all():
         return None
