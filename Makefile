@@ -142,7 +142,7 @@ NEW := .venv/requirements.lock
 lock: $(DEVELOPED)
 	cp requirements-dev.lock $(NEW_DEV); cp requirements.lock $(NEW)
 	$(BIN)/python -c '$(RANGES)' dev | $(LOCK) --output-file $(NEW_DEV) -
-	$(BIN)/python -c '$(RANGES)' none | $(LOCK) --constraint $(NEW_DEV) --output-file $(NEW) -
+	$(BIN)/python -c '$(RANGES)' clusters | $(LOCK) --constraint $(NEW_DEV) --output-file $(NEW) -
 	$(BIN)/python -c '$(RANGES)' aria | $(LOCK) --output-file - - | grep '^projectaria-tools==' \
 	    | sed 's/$$/ ; python_version < "3.13"/' >> $(NEW)
 	$(BIN)/python -c '$(READ); print(*about["optional-dependencies"]["photos"])' | tee -a $(NEW_DEV) >> $(NEW)

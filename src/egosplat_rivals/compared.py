@@ -6,13 +6,16 @@ from pathlib import Path
 from egosplat.pipeline.scenes import Scene, default_scenes
 from egosplat.pipeline.variants import owner, reaches, variant_config, variant_folder
 
+# Datasets that the tables show, and their names there.
+NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
+
 # Variants that have rows in the tables, in addition to the scene itself.
 ABLATIONS = ("baseline", "no_masks", "network_masks")
 
 
 def table_scores(scenes: Iterable[Scene]) -> list[str]:
     """Get metrics.json of scenes, their ablations and other methods; of scenes that must be named, only existing files."""
-    scenes = list(scenes)
+    scenes = [scene for scene in scenes if scene.dataset in NAMES]
     own = [path for scene in default_scenes(scenes) for path in _table_scores_of(scene)]
     by_name = [path for scene in scenes if scene.by_name for path in _table_scores_of(scene)]
     return [*own, *(path for path in by_name if Path(path).exists())]
@@ -22,7 +25,7 @@ def table_pictures(scenes: Iterable[Scene]) -> list[str]:
     """Get the figures on the tables page."""
     return [
         str(scene.results / name)
-        for scene in default_scenes(scenes)
+        for scene in default_scenes(scene for scene in scenes if scene.dataset in NAMES)
         for name in ("splats.png", *(["methods.png"] if compared_methods(scene) else []))
     ]
 

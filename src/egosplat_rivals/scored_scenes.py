@@ -13,10 +13,10 @@ from egosplat.evaluation.intervals import Clusters, cluster
 from egosplat.evaluation.scores import CHANCE
 from egosplat.models.suitability import BRIEF
 from egosplat.pipeline.validation import read_document
+from egosplat_rivals.compared import NAMES
 
-# Names of the variant in a scene's own folder, of the one asked by pixels, of egosplat's own rows, and of data, as in the paper.
+# Names of the variant in a scene's own folder, of the one asked by pixels, and of egosplat's own rows.
 FULL, PIXELS, OWN = "full", "pixels", "EgoSplat"
-NAMES = {"adt": "ADT", "hoi4d": "HOI4D"}
 APARTMENTS, VALIDATION_APARTMENTS = "synthetic apartments", "validation apartments"
 
 # Validation apartments in ADT format: defaults are chosen on adt/scene1 to adt/scene5, and some were on these.

@@ -135,8 +135,7 @@ rule methods_sheet:
     log:
         "logs/{dataset}/{scene}/methods_sheet.log",
     resources:
-        mem_mb=2000,
-        runtime=30,
+        **request("queries_sheet"),
     params:
         title=asked(jobs.scene_value, "title"),
         code=code_hash(

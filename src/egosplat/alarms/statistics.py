@@ -102,12 +102,11 @@ def largest_pose_correction(splats: Artifact) -> Figures | None:
     if not splats.has("corrections/shift") or not splats.shape("corrections/shift")[0]:
         return None
     shift, turn = np.linalg.norm(splats.read("corrections/shift"), axis=1), splats.read("corrections/turn")
-    depth = splats.facts["scene_depth"]
+    shift = shift / splats.facts["scene_depth"]
     # Frames without a pose have no correction.
-    angle = np.nan_to_num(np.maximum(shift / depth, np.radians(turn)), posinf=np.inf)
+    angle = np.nan_to_num(np.maximum(shift, np.radians(turn)), posinf=np.inf)
     most = int(angle.argmax())
-    told = {"shift_mm": 1e3 * float(shift[most]), "turn_deg": float(turn[most]), "depth_m": float(depth)}
-    return {"value": angle, "frame": most, **told}
+    return {"value": angle, "frame": most, "shift": float(shift[most]), "turn_deg": float(turn[most])}
 
 
 def largest_gain(splats: Artifact) -> Figures | None:

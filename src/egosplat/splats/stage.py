@@ -25,6 +25,7 @@ from egosplat.artifacts.schemas import (
     POSES,
     SPLATS,
     TRAINED,
+    length_unit,
 )
 from egosplat.artifacts.writer import Writer, create
 from egosplat.calibration.files import source_files
@@ -266,8 +267,8 @@ def _put_corrections(
     artifact.put("corrections/shift", shift)
     artifact.put("corrections/turn", turn)
     artifact.put("corrections/gain", values[:, LOG_GAIN].exp().numpy())
-    moved = 1e3 * np.linalg.norm(shift, axis=1).max()
-    log(f"poses corrected by up to {moved:.1f} mm and {turn.max():.2f} degrees")
+    moved = f"{np.linalg.norm(shift, axis=1).max():.2g} {length_unit(poses)}"
+    log(f"poses corrected by up to {moved} and {turn.max():.2f} degrees")
 
 
 def _put(

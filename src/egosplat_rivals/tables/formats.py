@@ -1,7 +1,6 @@
 """Write a table as CSV or HTML."""
 
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import pandas as pd
@@ -19,24 +18,24 @@ _TITLE, _SYNTHETIC = "font-style: italic", "background-color: #fdf3dc"
 
 def to_html(table: Layout) -> str:
     """Write a table element; below a measured number is its interval. Synthetic rows are yellow, the best numbers red and teal."""
-    label, texts = len(table.components), _texts(table)
+    label, texts, lines = len(table.components), _texts(table), _lines(table)
     if not any(over for over, _ in texts.columns):
         texts.columns = texts.columns.droplevel(0)
-    styles = pd.DataFrame("", texts.index, texts.columns)
-    styles.iloc[_titles(table), label] = _TITLE
-    for (line, column), rank in _ranked(table):
-        styles.iloc[line, column] = _STYLE_RANKS[rank]
+    styles, tips = (pd.DataFrame("", texts.index, texts.columns) for _ in range(2))
+    for line, (row, own) in enumerate(lines):
+        if row is None:
+            styles.iloc[line, label] = _TITLE
+            continue
+        for column, (cell, rank) in enumerate(zip(row.cells, own, strict=True), label + 1):
+            styles.iloc[line, column] = _STYLE_RANKS[rank]
+            if cell.queries is not None:
+                tips.iloc[line, column] = f"{cell.queries} queries of {cell.categories} categories"
     style = Styler(texts, uuid=table.name, cell_ids=True).apply(lambda _: styles, axis=None)
     style.hide(axis="index").format(escape="html").format_index(escape="html", axis=1)
-    synthetic = [row is not None and row.kind == SYNTHETIC for row, _ in _lines(table)]
+    synthetic = [row is not None and row.kind == SYNTHETIC for row, _ in lines]
     style.apply(lambda column: [_SYNTHETIC if one else "" for one in synthetic])
     left = {"selector": f".col{label}:not(.col_heading)", "props": _LABEL}
     style.set_table_styles([left], overwrite=False)
-    tips = pd.DataFrame("", style.data.index, style.data.columns)
-    for line, (row, _) in enumerate(_lines(table)):
-        for column, cell in enumerate(row.cells if row else (), label + 1):
-            if cell.queries is not None:
-                tips.iloc[line, column] = f"{cell.queries} queries of {cell.categories} categories"
     return style.set_tooltips(tips).to_html()
 
 
@@ -93,18 +92,6 @@ def _lines(table: Layout) -> list[tuple[Row | None, list[int]]]:
     return [
         line for _, own in blocks(table.rows) for line in [(None, []), *zip(own, ranks(own), strict=True)]
     ]
-
-
-def _titles(table: Layout) -> list[int]:
-    return [line for line, (row, _) in enumerate(_lines(table)) if row is None]
-
-
-def _ranked(table: Layout) -> Iterator[tuple[tuple[int, int], int]]:
-    """Line and column of each cell with a rank, and the rank."""
-    for line, (_, own) in enumerate(_lines(table)):
-        yield from (
-            ((line, column), rank) for column, rank in enumerate(own, len(table.components) + 1) if rank
-        )
 
 
 def _texts(table: Layout) -> pd.DataFrame:

@@ -8,10 +8,10 @@ from string import ascii_lowercase
 
 from egosplat.evaluation.intervals import clustered_interval, mean_of_scenes
 from egosplat.evaluation.scores import CHANCE
+from egosplat_rivals.compared import NAMES
 from egosplat_rivals.scored_scenes import (
     APARTMENTS,
     FULL,
-    NAMES,
     OWN,
     PIXELS,
     VALIDATION,

@@ -71,7 +71,7 @@ def _intro(measured_on: str) -> Iterator[str]:
     yield f"Numbers printed in the paper, and numbers measured by egosplat on {measured_on or 'nothing (none yet)'}."
     yield (
         "Compare rows only within a block. Scores on synthetic apartments have a yellow background and are not ranked. In the "
-        "other blocks, the best number is red and the second best is teal."
+        "other blocks, the best number of rows asked alike is red and the second best is teal."
     )
     if measured_on:
         yield (

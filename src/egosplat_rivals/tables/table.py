@@ -114,20 +114,26 @@ def number(percent: float | None) -> str:
 
 
 def ranks(rows: Sequence[Row]) -> list[list[int]]:
-    """The rank of each cell of a block: 1 for the best and 2 for the second best number of its column, else 0.
+    """The rank of each cell of a block: 1 for the best and 2 for the second best number of its column and read-out, else 0.
 
     Equal printed numbers have equal ranks. Synthetic rows are not ranked, because a mark on the best could be mistaken for the
     best of the table. Nor are rows of chance, single rows, and averages over different scenes, which cannot be compared.
     """
     found = [[0] * len(row.cells) for row in rows]
-    rows = [row for row in rows if row.method not in CHANCE.values()]  # these are the last ones
-    for column, cells in enumerate(zip(*(row.cells for row in rows), strict=True)):
-        known = [cell for cell in cells if cell.percent is not None]
-        if rows[0].kind == SYNTHETIC or len(known) < 2 or len({cell.scenes for cell in known}) > 1:
-            continue
-        # Compared as they are printed: equal texts must not have different ranks.
-        best = sorted({number(cell.percent) for cell in known}, key=float, reverse=True)[:2]
-        for line, cell in zip(found, cells, strict=False):
-            text = number(cell.percent)
-            line[column] = best.index(text) + 1 if text in best else 0
+    ranked = [one for one in zip(rows, found, strict=True) if one[0].kind != SYNTHETIC]
+    for readout in {row.readout for row in rows}:
+        alike = [
+            (row.cells, own)
+            for row, own in ranked
+            if row.readout == readout and row.method not in CHANCE.values()
+        ]
+        for column, cells in enumerate(zip(*(cells for cells, _ in alike), strict=True)):
+            known = [cell for cell in cells if cell.percent is not None]
+            if len(known) < 2 or len({cell.scenes for cell in known}) > 1:
+                continue
+            # Compared as they are printed: equal texts must not have different ranks.
+            best = sorted({number(cell.percent) for cell in known}, key=float, reverse=True)[:2]
+            for (_, own), cell in zip(alike, cells, strict=True):
+                text = number(cell.percent)
+                own[column] = best.index(text) + 1 if text in best else 0
     return found

@@ -30,7 +30,7 @@ RUNNING, TESTING = pins("requirements.lock"), pins("requirements-dev.lock")
 
 @pytest.mark.parametrize(
     "extras, found",
-    [(("aria", "photos"), RUNNING), (("dev", "export", "clusters", "slurm"), TESTING)],
+    [(("aria", "clusters", "photos"), RUNNING), (("dev", "export", "clusters", "slurm"), TESTING)],
     ids=["run", "test"],
 )
 def test_the_pins_fit_the_ranges(extras, found):

@@ -66,7 +66,7 @@ def gaussians(folder, held_out: int, records: int, corrections: int):
             "corrections/turn": rng.uniform(size=frames),
             "corrections/gain": np.exp(rng.normal(size=(frames, 3))),
         }
-    return put_scene(folder, ["frames", "splats"], arrays, facts, origin="real")
+    return put_scene(folder, ["frames", "poses", "splats"], arrays, facts, origin="real")
 
 
 PAGES = {

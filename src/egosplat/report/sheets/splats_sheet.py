@@ -12,7 +12,7 @@ from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
 from egosplat.artifacts.reader import Artifact
-from egosplat.artifacts.schemas import AS_GIVEN, FITTED, shown_pixels
+from egosplat.artifacts.schemas import AS_GIVEN, FITTED, length_unit, shown_pixels
 from egosplat.drawing import empty_grid, label_log_axis, plt, show, split_page
 from egosplat.gaussians.evaluation import describe
 from egosplat.geometry import ground_axes
@@ -30,7 +30,7 @@ ARROW = 0.25
 
 
 @sheet("splats", fontsize=13)
-def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
+def run(frames: Artifact, poses: Artifact, splats: Artifact) -> tuple[Figure, str]:
     """Draw the training curves, and held-out frames with their renders."""
     shown = evenly_spaced(splats.shape("held_out/frame")[0], PICTURES)
     columns = max(len(shown), 2)
@@ -41,7 +41,7 @@ def run(frames: Artifact, splats: Artifact) -> tuple[Figure, str]:
     page, *below = split_page(figure, len(heights), 1, height_ratios=heights)
     for part in below:
         from_above, over_time = part.subplots(1, 2)
-        _draw_poses(from_above, splats)
+        _draw_poses(from_above, splats, length_unit(poses))
         _draw_gains(over_time, splats)
     left, right = split_page(page, 1, 2, width_ratios=(4.6, columns * cell + 0.8))
     if len(splats.read("curve/iteration")):  # otherwise Gaussians of another program, or of cells
@@ -113,7 +113,7 @@ def _draw_frame(cells: NDArray[Any], frames: Artifact, splats: Artifact, row: in
     return show(cells[2], error, f"mean error {mean:.1f} %", 10, cmap="inferno", vmin=0.0, vmax=ERROR_LIMIT)
 
 
-def _draw_poses(axes: Axes, splats: Artifact) -> None:
+def _draw_poses(axes: Axes, splats: Artifact, unit: str) -> None:
     """Draw the trajectory from above, with an arrow from each camera towards its corrected place."""
     center = splats.read("corrections/camera_to_world")[:, :3, 3]
     known, plane = np.isfinite(center).all(axis=1), ground_axes(np.array(splats.facts["up"]))
@@ -131,13 +131,13 @@ def _draw_poses(axes: Axes, splats: Artifact) -> None:
     # The limits do not follow the heads of arrows by themselves.
     axes.update_datalim(before + factor * moved)
     axes.set_aspect("equal", adjustable="datalim")
-    size = 1e3 * np.linalg.norm(shift, axis=1)
+    size = np.linalg.norm(shift, axis=1)
     rms_size, rms_turn = (np.sqrt(np.mean(values**2)) for values in (size, turn))
     title = (
         f"Pose corrections from above, drawn {factor:.0f} times longer\n"
-        f"RMS {rms_size:.1f} mm and {rms_turn:.2f}°, largest {size.max():.1f} mm and {turn.max():.2f}°"
+        f"RMS {rms_size:.2g} {unit} and {rms_turn:.2f}°, largest {size.max():.2g} {unit} and {turn.max():.2f}°"
     )
-    axes.set(title=title, xlabel="m")
+    axes.set(title=title, xlabel=unit)
     axes.legend(loc="best", fontsize=8)
     axes.grid(alpha=0.3)
 

@@ -16,8 +16,8 @@ from egosplat_rivals.tables.table import PRINTED, SYNTHETIC, Row, number, ranks
 TABLE_OF = {"accuracy": "adt_accuracy", "mean_iou": "adt_iou"}
 
 
-def row(*cells: Cell, kind: str = PRINTED, method: str = "a") -> Row:
-    return Row(kind, "block", method, method, "ADT", (), cells)
+def row(*cells: Cell, kind: str = PRINTED, method: str = "a", readout: str = "") -> Row:
+    return Row(kind, "block", method, method, "ADT", (), cells, readout=readout)
 
 
 def test_numbers_are_formatted_as_the_paper_formats_them():
@@ -72,6 +72,7 @@ SCENES_OF = [Cell(50.0, scenes=("scene1",)), Cell(40.0, scenes=("scene1", "scene
         ([row(Cell(29.4)), row(Cell(29.41)), row(Cell(28.3)), row(Cell())], [1, 1, 2, 0]),
         ([row(Cell(50.0))], [0]),
         ([row(one) for one in SCENES_OF], [0, 0]),
+        ([row(Cell(value), readout="pixels" * (value < 50)) for value in (40, 60, 30, 50)], [1, 1, 2, 2]),
         ([row(Cell(50.0)), row(Cell(40.0)), row(Cell(99.0), method=CHANCE["random_pixel"])], [1, 2, 0]),
         ([row(Cell(50.0), kind=SYNTHETIC), row(Cell(40.0), kind=SYNTHETIC)], [0, 0]),
     ],
