@@ -55,7 +55,7 @@ SETTINGS: dict[str, str | None] = {
 # Configuration of all runs: what differs from the defaults.
 CONFIGURATION: dict[str, Any] = {
     "synthetic": {"camera": "real"},
-    "variants": {AS_GIVEN: {"metrics": {"held_out": "given"}}, "no_sizes": {"query": {"size_weight": 0.0}}},
+    "variants": {AS_GIVEN: {"metrics": {"held_out": "given"}}},
 }
 
 # Worlds of the apartments in the order of the draw, and the options of each beside the seed.

@@ -55,9 +55,8 @@ def train_field(
     scales = torch.linspace(0.0, LARGEST_SCALE, SCALES, device=views.device)
     code, decoder = evaluate_at_centers(trained, views.gaussians.means, scales, CHANNELS)
     share = shares(views)
-    weight = f", with the weight {REGULARISER_WEIGHT:g}" if tiles.components else ""
     stands_in = (
-        tiles.stands_in + weight,
+        tiles.stands_in + f", with the weight {REGULARISER_WEIGHT:g}" * bool(tiles.components),
         *fewer_iterations(options.iterations, _ITERATIONS),
         f"{options.pixels:,} rays of one view an iteration",
         "one sample a ray, at the depth of the shared geometry, not nerfacto's 24",

@@ -45,10 +45,9 @@ def run(metrics: Sequence[Path], output: Path, title: str) -> None:
     best, worst = ([(one.frame, one.category) for one in queries] for queries in chosen)
     shown = []
     for scene, queries in zip(scenes, by_scene, strict=True):
-        in_time = "histories.zarr" in scene.document["provenance"]["inputs"]
-        opened = open_scored(
-            scene.path.parent, recorded_options(scene.document["provenance"]["options"]), in_time=in_time
-        )
+        scored = scene.document["provenance"]
+        options, in_time = recorded_options(scored["options"]), "histories.zarr" in scored["inputs"]
+        opened = open_scored(scene.path.parent, options, in_time=in_time)
         answers = ask_again([queries[one] for one in (*best, *worst)], opened, scene.document, scene.path)
         shown.append({(one.scored.frame, one.scored.category): one for one in answers})
     names, rows = [scene.method or OWN for scene in scenes], len(best) + len(worst)
@@ -110,5 +109,5 @@ def _draw_answer(axes: Axes, name: str, query: ShownQuery) -> None:
     draw_outline(axes, query.target)
     axes.set_title(f"{name}: {verdict}, IoU {query.scored.iou:.2f}", fontsize=8, color=color)
     if query.answer.pixel is not None:
-        edge = {"edgecolors": "white", "linewidths": 1.2}
-        axes.scatter(*query.answer.pixel, s=60, marker=marker, color=color, **edge)
+        style = {"s": 60, "color": color, "edgecolors": "white", "linewidths": 1.2}
+        axes.scatter(*query.answer.pixel, marker=marker, **style)

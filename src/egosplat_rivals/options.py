@@ -24,8 +24,8 @@ class TablesOptions(Options, section="tables"):
 
     methods: Annotated[tuple[Text, ...], UNIQUE] = (
         *("lerf", "legaussians", "semantic_gaussians", "gags", "langsplat", "occam", "langsplat2"),
-        *("splat_feature_solver", "pixels", "semantic_gaussians_pixels", "gags_pixels", "langsplat_pixels"),
-        *("occam_pixels", "langsplat2_pixels", "splat_feature_solver_pixels"),
+        *("splat_feature_solver", "no_sizes", "pixels", "semantic_gaussians_pixels", "gags_pixels"),
+        *("langsplat_pixels", "occam_pixels", "langsplat2_pixels", "splat_feature_solver_pixels"),
     )
     """Variants whose scores the tables wait for, in each scene. Each stands in the row of its `method`
     (docs/methods.md). A run without a target does not make them."""

@@ -15,8 +15,8 @@ from egosplat.models.suitability import BRIEF
 from egosplat.pipeline.validation import read_document
 from egosplat_rivals.compared import NAMES
 
-# Names of the variant in a scene's own folder, of the one asked by pixels, and of egosplat's own rows.
-FULL, PIXELS, OWN = "full", "pixels", "EgoSplat"
+# Names of the variant in a scene's own folder, of those asked by pixels and without sizes, and of egosplat's own rows.
+FULL, PIXELS, NO_SIZES, OWN = "full", "pixels", "no_sizes", "EgoSplat"
 APARTMENTS, VALIDATION_APARTMENTS = "synthetic apartments", "validation apartments"
 
 # Validation apartments in ADT format: defaults are chosen on adt/scene1 to adt/scene5, and some were on these.
@@ -70,8 +70,10 @@ class ScoredScene:
 
     @property
     def readout(self) -> str:
-        """``query.readout`` of the scores."""
-        return self.document["provenance"]["options"].get("readout", "")
+        """How queries were asked: ``pixels``, ``gaussians``, or ``sizes``: Gaussians with sizes of things, which EgoSplat alone has."""
+        options = self.document["provenance"]["options"]
+        sized = self.method is None and options.get("size_weight", 0.0) > 0
+        return "sizes" if sized and options["readout"] != PIXELS else options.get("readout", "")
 
     def cell(self, metric: str, group: str) -> Cell:
         """A score in percent, with its interval if it has one; or the accuracy of one of ``CHANCE``, alone."""
@@ -159,7 +161,7 @@ class Series:
     def label(self) -> str:
         """Method, data and checkpoints."""
         by = "egosplat" if self.first.method is None else "reimplemented by egosplat"
-        asked = ", asked by pixels" if self.first.readout == PIXELS else ""
+        asked = {PIXELS: ", asked by pixels", "sizes": ", asked with sizes"}.get(self.first.readout, "")
         return f"{self.method} ({by}, {self.about}{asked})"
 
 

@@ -44,7 +44,7 @@ def to_csv(table: Layout) -> str:
 
     Columns: ``kind`` is ``printed``, ``real`` or ``synthetic``; ``percent``, ``low`` and ``high`` are a score and its
     interval [%]; ``queries`` and ``categories`` are their numbers; ``scenes`` are the scenes of a measured average;
-    ``readout`` is ``query.readout``; ``steps`` are the enabled components of an ablation; ``cpu_min`` and ``memory_gib``
+    ``readout`` is how a row is asked (``ScoredScene.readout``); ``steps`` are the enabled components of an ablation; ``cpu_min`` and ``memory_gib``
     are the row's cost of a scene; ``stands_in`` is what replaces parts of a method.
     """
     lines = pd.DataFrame(

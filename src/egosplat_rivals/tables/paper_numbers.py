@@ -109,10 +109,10 @@ def scenes_of(layout: Layout, validation: bool) -> tuple[str, ...]:
 
 def in_a_table(scene: ScoredScene) -> bool:
     """Whether any table shows a scene's scores."""
-    return any(
-        layout.dataset == scene.dataset
-        and scene.scene in scenes_of(layout, scene.validation)
-        # Other methods have rows in all tables but ablations of EgoSplat.
-        and (scene.variant in layout.variants if scene.method is None else not layout.components)
-        for layout in LAYOUTS
-    )
+    own = [
+        one
+        for one in LAYOUTS
+        if one.dataset == scene.dataset and scene.scene in scenes_of(one, scene.validation)
+    ]
+    # Other methods have rows in all tables but ablations of EgoSplat.
+    return any(scene.variant in one.variants if scene.method is None else not one.components for one in own)

@@ -30,7 +30,7 @@ INTERVALS = (
 )
 READOUTS = (
     "Rows asked by pixels blend codes, decode each pixel and cut masks at LangSplat's relative threshold; the others render "
-    "relevancies of Gaussians, and a mask is what those above the threshold fill by half. Compare rows asked alike."
+    "relevancies of Gaussians, and a mask is what those above the threshold fill by half. Only EgoSplat has sizes. Compare rows asked alike."
 )
 
 

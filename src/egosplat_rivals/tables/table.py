@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from egosplat.evaluation.scores import CHANCE
-from egosplat_rivals.scored_scenes import FULL, PIXELS, Cell
+from egosplat_rivals.scored_scenes import FULL, NO_SIZES, PIXELS, Cell
 
 # Kinds of rows: printed in the paper, measured on recordings, measured on synthetic apartments. Name of the average in place
 # of a scene.
@@ -37,7 +37,7 @@ class Row:
         cost: mean over its scenes of the CPU time of all threads [min] and of the largest memory [GiB], from the frames to
             the codes; None for a printed row, or if it is not known.
         stands_in: sentences on what replaces a part of the method.
-        readout: ``query.readout`` of a measured row.
+        readout: how a measured row is asked, see ``ScoredScene.readout``.
     """
 
     kind: str
@@ -90,7 +90,7 @@ class Layout:
     def variants(self) -> dict[str, str]:
         """Line of each variant of EgoSplat that the table shows."""
         lines = {variant: line for line, (variant, _) in self.lines.items() if variant}
-        return lines if self.components else lines | {PIXELS: lines[FULL]}
+        return lines if self.components else lines | dict.fromkeys((PIXELS, NO_SIZES), lines[FULL])
 
     @property
     def has_costs(self) -> bool:

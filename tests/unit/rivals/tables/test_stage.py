@@ -209,19 +209,19 @@ def test_methods_stand_in_the_paper_s_order_and_missing_ones_say_so(tables, scor
     assert "LangSplat (reimplemented" not in section(out, "adt_ablation")
 
 
-def test_what_is_asked_in_both_ways_has_two_rows(tables, scored, out):
-    ways, method, paths = {"": "gaussians", "pixels": "pixels"}, {"method": "Occam's LGS"}, []
-    for name, readout in ways.items():
-        keys = {"options": {"readout": readout}}
+def test_what_is_asked_in_several_ways_has_a_row_for_each(tables, scored, out):
+    ways = {"": ("gaussians", 0.25), "no_sizes": ("gaussians", 0.0), "pixels": ("pixels", 0.25)}
+    paths, method = [], {"method": "Occam's LGS"}
+    for name, values in ways.items():
+        keys = {"options": dict(zip(("readout", "size_weight"), values, strict=True))}
         paths += [scored(f"adt/scene1{name and '/variants/'}{name}", 0.6, **keys)]
         paths += [scored(f"adt/scene1/variants/occam_{name}", 0.4, **keys, **method)]
     found = rows_of(tables(*paths)["adt_iou"], kind="synthetic", scene="scene1", group="all")
     rows = [row for row in zip(found.method, found.readout, found.percent, strict=True) if row[2] > 0]
-    ours, theirs = (
-        [(name, way, at) for way in ways.values()] for name, at in (("EgoSplat", 30), (*method.values(), 20))
-    )
-    assert rows == [*ours, *theirs]
+    theirs = [("Occam's LGS", way, 20) for way, _ in ways.values()]
+    assert rows == [("EgoSplat", "sizes", 30), *(("EgoSplat", way, 30) for _, way, _ in theirs[1:]), *theirs]
     text = section(out, "adt_iou")
+    assert text.count(", asked with sizes)") == 1
     assert text.count(", asked by pixels)") == 2 and " Rows asked by pixels" in text
     assert "by pixels" not in section(out, "adt_ablation")
 
