@@ -95,7 +95,7 @@ def transform(pose: Array, points: Array) -> Array:
 
 
 def rotate(rotation: NDArray, vectors: NDArray) -> NDArray:
-    """Rotate (..., 3) vectors by a (3, 3) rotation, in their dtype."""
+    """Rotate (..., 3) vectors by a (3, 3) rotation, or project them on (2, 3) axes, in their dtype."""
     # ``@`` calls BLAS, whose order of summation depends on the processor.
     x, y, z = (vectors[..., axis : axis + 1] * rotation[:, axis] for axis in range(3))
     return x + y + z

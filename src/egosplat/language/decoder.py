@@ -117,7 +117,7 @@ def _used(values: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
     narrow = values.shape[-1] < _WIDE or not values.numel()
     if narrow or values.device.type != "cpu" or torch.is_grad_enabled():
         return values, weights
-    rows = values.flatten(0, -2)
+    rows = values.reshape(-1, values.shape[-1])
     used = ((rows.amax(0) != 0) | (rows.amin(0) != 0)).nonzero()[:, 0]
     return values.index_select(-1, used), weights.index_select(1, used)
 

@@ -1,6 +1,5 @@
 """Render 3D Gaussians with the backend that suits the tensors, and choose device and backend for training."""
 
-import importlib.util
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -113,7 +112,7 @@ def training_device(backend: str) -> torch.device:
         load_gsplat()
         return torch.device("cuda")
     # A GPU without gsplat cannot render.
-    if backend == "auto" and torch.cuda.is_available() and importlib.util.find_spec("gsplat") is not None:
+    if backend == "auto" and torch.cuda.is_available():
         try:
             load_gsplat()
             return torch.device("cuda")

@@ -13,7 +13,7 @@ from egosplat.artifacts.schemas import TRAINED
 from egosplat.gaussians.initialization import SH_C0
 from egosplat.gaussians.io import read_gaussians
 from egosplat.gaussians.model import Gaussians
-from egosplat.geometry import ground_axes, lie_within
+from egosplat.geometry import ground_axes, lie_within, rotate
 from egosplat.pipeline.survey_file import digest_of
 from egosplat.pipeline.validation import read_document
 
@@ -31,7 +31,7 @@ class Cell:
     def holds(self, points: Array, wider: bool = False) -> Bools:
         """(P,) bool: which of (P, 3) points lie in the cell, or in the ``wider`` part. Each finite point lies in one cell."""
         margin = self.margin * wider
-        return lie_within(points @ self.axes.T, self.limits + np.stack([-margin, margin]))
+        return lie_within(rotate(self.axes, points), self.limits + np.stack([-margin, margin]))
 
 
 def read_cells(survey_path: Path | None, poses: Artifact) -> tuple[list[Cell], str]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from egosplat.arrays import Array, Bools
-from egosplat.geometry import ground_axes, lie_within
+from egosplat.geometry import ground_axes, lie_within, rotate
 
 # A cell trains on the cameras within this share of its sides, and this many depths, of its border.
 _MARGIN, _DEPTHS = 0.2, 0.5
@@ -27,7 +27,7 @@ def find_cells(
     those among them that add a view. ``up``: (3,) unit vector. ValueError: the pose of a usable frame is not finite."""
     if not np.isfinite(poses[usable]).all():
         raise ValueError("a pose is not finite")
-    known, places = depths[usable & np.isfinite(depths)], poses[usable, :3, 3] @ ground_axes(up).T
+    known, places = depths[usable & np.isfinite(depths)], rotate(ground_axes(up), poses[usable, :3, 3])
     depth = float(np.quantile(known, _OPEN)) if len(known) else 0.0
     # Numbers, because JSON has no infinity.
     everything, chosen = sys.float_info.max * np.array([[-1.0, -1.0], [1.0, 1.0]]), places[counted[usable]]

@@ -37,7 +37,7 @@ class Motion:
 
     Attributes:
         pairs: (P, 2) int64 frames.
-        moving, lasting: (P,) float64 pixels in moving regions, and in those that move in a neighboring pair as well, as a
+        moving, lasting: (P,) float64 pixels in moving regions, and in those that move in three pairs in a row, as a
             fraction of the valid ones.
         voting: (P,) float64 pixels that can show motion, as a fraction of the valid ones.
         stops: (P,) float64 exposure of the second frame relative to the first; NaN if unknown.

@@ -16,7 +16,7 @@ _MIN_POINTS, _MAX_POINTS = 10, 50_000
 # Frames of a pair are this far apart, or as far as the next frame, up to a limit.
 _INTERVAL_S, _MAX_INTERVAL_S = 0.2, 1.1
 _MAX_PAIRS = 120
-# In a long recording, pairs come in runs of consecutive ones: motion must be seen in two of them.
+# In a long recording, pairs come in runs of consecutive ones: motion must be seen in three of them.
 _RUN = 5
 # Frames that show the same after this time, with at most this rotation and parallax, tell whether poses drift.
 _REVISIT_S, _MAX_CHANGE_DEG, _MAX_REVISITS = 1.0, 35.0, 24

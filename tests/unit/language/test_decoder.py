@@ -57,7 +57,7 @@ def test_channels_that_are_zero_are_left_out_without_a_difference(after):
     decoder = Decoder(widths, values, after=after)
     codes = torch.from_numpy(np.r_[rng.normal(size=(4, 3)), np.zeros((2, 3))].astype(np.float32))
     codes[:4, 1:] = codes[:1, 1:]
-    for part in (codes, codes[:4], codes[4:], codes[:0]):
+    for part in (codes, codes[:4], codes[4:], codes[:0], codes[0]):
         with torch.inference_mode():
             found = decode(part, decoder)
         torch.testing.assert_close(found, decode(part, decoder))

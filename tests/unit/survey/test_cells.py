@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from egosplat.geometry import ground_axes
+from egosplat.geometry import ground_axes, rotate
 from egosplat.survey.cells import find_cells
 from tests.support.scenes import UP, sideways
 
@@ -17,9 +17,9 @@ def along(x: np.ndarray, z: np.ndarray | float = 0.0) -> np.ndarray:
     return poses
 
 
-def cells_of(poses: np.ndarray, most: int, depth: np.ndarray | float = DEPTH, counted: int = 1) -> list[dict]:
+def cells_of(poses: np.ndarray, most: int, depth: np.ndarray | float = DEPTH, counted=1, up=UP) -> list[dict]:
     every = np.ones(len(poses), bool)
-    return find_cells(poses, every * depth, every, np.arange(len(poses)) % counted == 0, UP, most)
+    return find_cells(poses, every * depth, every, np.arange(len(poses)) % counted == 0, up, most)
 
 
 def owned(cells: list[dict], poses: np.ndarray) -> np.ndarray:
@@ -41,6 +41,10 @@ def test_each_camera_is_owned_once_and_cells_hold_about_as_many():
     for cell, row in zip(cells, own, strict=True):
         assert {*np.flatnonzero(row)} < {*cell["frames"]}, "neighbors overlap"
     assert len(cells_of(poses, 150, counted=2)) == 4, "frames that add no view count nothing"
+    tilted = np.array([0.36, -0.8, 0.48])
+    places = np.sort(rotate(ground_axes(tilted), poses[:, :3, 3]), axis=0)
+    cuts = {*((places[499] + places[500]) / 2)}
+    assert cuts & {*cells_of(poses, 500, up=tilted)[0]["limits"][1]}, "to the bit, on every processor"
 
 
 def test_a_cell_is_wider_by_a_fifth_and_half_the_depth_of_the_frames_that_see_least_through_walls():
