@@ -17,9 +17,14 @@ class Compute:
     device: torch.device
     dtype: torch.dtype
 
-    def mixed(self) -> torch.autocast:
+    @contextlib.contextmanager
+    def mixed(self) -> Iterator[None]:
         """Let models multiply in ``dtype`` in the block."""
-        return torch.autocast(self.device.type, self.dtype, enabled=self.dtype != torch.float32)
+        short = self.dtype != torch.float32
+        # Else a GPU's convolutions round float32 to 10 bits.
+        exact = torch.backends.cudnn.flags(enabled=True, allow_tf32=short)
+        with torch.autocast(self.device.type, self.dtype, enabled=short), exact:
+            yield
 
     @contextlib.contextmanager
     def inference(self) -> Iterator[None]:

@@ -52,8 +52,7 @@ class Camera:
 
     def project(self, points: Array) -> Array:
         """Project (..., 3) float64 points in camera axes [m] to (..., 2) pixels; NaN where z <= 0."""
-        points = np.asarray(points, dtype=np.float64)
-        x, y, z = np.moveaxis(points, -1, 0)
+        x, y, z = np.moveaxis(np.asarray(points, dtype=np.float64), -1, 0)
         depth = np.where(z > 0, z, np.nan)
         return np.stack([self.fx * x / depth + self.cx, self.fy * y / depth + self.cy], axis=-1)
 

@@ -45,8 +45,7 @@ def is_consistent(flow: Floats, reverse: Floats, tolerance: float) -> Bools:
 
     ``flow`` and ``reverse`` are (h, w, 2) [px]; ``tolerance`` [px] is in addition to a tenth of the flow's length.
     """
-    height, width = flow.shape[:2]
-    returned = sample(reverse, pixel_grid(height, width) + flow)
+    returned = sample(reverse, pixel_grid(*flow.shape[:2]) + flow)
     error = np.linalg.norm(flow + returned, axis=2)
     length = np.maximum(np.linalg.norm(flow, axis=2), np.linalg.norm(returned, axis=2))
     return error <= tolerance + _RELATIVE_ERROR * length
