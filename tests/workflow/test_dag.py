@@ -43,7 +43,7 @@ def test_apartments_for_reporting_are_made_by_name_alone(unchanged):
 @pytest.mark.parametrize(
     "target, said",
     [
-        ("adt/scene99/metrics.json", "no scene adt/scene99"),
+        ("adt/scene99/frames.zarr", "no scene adt/scene99"),
         ("adt/scene1/variants/nope/metrics.json", "no variant 'nope'"),
         ("hoi4d/scene1/metrics.json", "hoi4d/scene1: no recording at "),
     ],

@@ -5,6 +5,7 @@ from snakemake.exceptions import IncompleteCheckpointException
 from egosplat.doctor.inputs import scene_notice
 from egosplat.pipeline import costs
 from egosplat.pipeline.code_hash import code_hash
+from egosplat.pipeline.scenes import check_recording
 from egosplat.pipeline.stages import STAGES
 from egosplat.run import jobs
 
@@ -46,11 +47,12 @@ def shared(file):
     return asked(jobs.path_of, Path(file).stem)
 
 
-def recording(wildcards):
+@asked
+def recording(job):
     """Get the recording. Its time does not count: a parameter has the digest of what a stage reads."""
-    job = job_of(wildcards)
-    path = or_exit(jobs.recording_path, job)
-    return [path if job.scene.synthetic else ancient(path)] if path else []
+    check_recording(job.scene)
+    path = str(job.scene.recording)
+    return path if job.scene.synthetic else ancient(path)
 
 
 def configured(stage):
@@ -121,10 +123,11 @@ def wanted_scenes():
 
 def results_of_scenes(_):
     """Get the results of a run without a target."""
-    return [path for scene in wanted_scenes() for path in jobs.default_results(scene)]
+    wanted = or_exit(wanted_scenes)
+    return [path for scene in wanted for path in jobs.default_results(scene)]
 
 
 def surveyed_results(_):
     """Get the pages of scenes whose survey finds motion."""
-    asked = [job_named(scene.dataset, scene.scene) for scene in wanted_scenes()]
-    return [path for job in asked for path in jobs.results_by_survey(job)]
+    wanted = [job_named(s.dataset, s.scene) for s in or_exit(wanted_scenes)]
+    return [path for job in wanted for path in jobs.results_by_survey(job)]

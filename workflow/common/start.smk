@@ -7,7 +7,7 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from egosplat.errors import UserError
+from egosplat.errors import UserError, user_message
 from egosplat.pipeline.strict_yaml import read_yaml
 from egosplat.pipeline.home import CONFIG, PRESETS, find_home
 from egosplat.pipeline.process_guards import name_user
@@ -17,9 +17,13 @@ def or_exit(function, *given):
     """Call a function. A user's mistake ends the run with one line; an exception would give Snakemake's traceback."""
     try:
         return function(*given)
-    except UserError as error:
-        sys.exit(f"egosplat: {error}")
+    except (UserError, OSError) as error:
+        if (told := user_message(error)) is None:
+            raise
+        sys.exit(f"egosplat: {told}")
 
 
 name_user()
-or_exit(read_yaml, find_home(CONFIG))
+# Snakemake takes the last of two values of a key.
+for path in (find_home(CONFIG), *workflow.overwrite_configfiles):
+    or_exit(read_yaml, Path(path))

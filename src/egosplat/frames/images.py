@@ -16,7 +16,7 @@ from PIL import Image
 from egosplat.arrays import Bools, Bytes, Ints
 from egosplat.calibration.files import DYNAMIC_MASK, OTHER_PICTURES, dynamic_masks, list_pictures
 from egosplat.calibration.lens import Lens, shared_pinhole
-from egosplat.errors import UserError
+from egosplat.errors import UserError, reraise_as
 from egosplat.geometry import Camera
 from egosplat.progress import log
 
@@ -167,14 +167,15 @@ def natural_key(path: Path) -> tuple[list[tuple[int, str]], str]:
 @contextlib.contextmanager
 def open_image(path: Path) -> Iterator[Image.Image]:
     """Open an image, which the block may decode; UserError if it cannot be read."""
-    try:
-        with Image.open(path) as image:
-            if image.width * image.height > _MOST_PIXELS:
-                shrink = f"magick mogrify -resize 8192x8192 {quote(str(path))}"
-                raise UserError(f"{path}: is larger than {_MOST_PIXELS:,} pixels. Shrink it: {shrink}")
-            yield image
-    except (OSError, ValueError, SyntaxError) as error:
-        raise UserError(f"{path}: not a readable image ({error}). Copy it again, or remove it.") from error
+
+    def told(error: Exception) -> UserError:
+        return UserError(f"{path}: not a readable image ({error}). Copy it again, or remove it.")
+
+    with reraise_as(told, (OSError, ValueError, SyntaxError)), Image.open(path) as image:
+        if image.width * image.height > _MOST_PIXELS:
+            shrink = f"magick mogrify -resize 8192x8192 {quote(str(path))}"
+            raise UserError(f"{path}: is larger than {_MOST_PIXELS:,} pixels. Shrink it: {shrink}")
+        yield image
 
 
 def read_rgb(path: Path, *, turned: bool = True, alpha: bool = False) -> Bytes:

@@ -24,6 +24,12 @@ Format = Annotated[str, one_of(STAGES["frames"].modules)]
 SHIPPED: Any = read_yaml(Path(__file__).with_name("shipped.yaml"))
 
 
+_SECTIONS = check_with(
+    lambda keys: GeneralOptions.model_fields.keys().isdisjoint(keys),
+    "only sections with keys; preset and others outside of them hold for all scenes",
+)
+
+
 class VariantKeys(TypedDict, total=False):
     """Keys of a variant: sections with keys, and these two."""
 
@@ -52,7 +58,7 @@ class GeneralOptions(Options):
     """Image in which Snakemake starts each job with --software-deployment-method apptainer: a file or an address
     (docs/running.md)."""
 
-    formats: dict[Format, dict[str, Any]] = SHIPPED["formats"]
+    formats: dict[Format, Annotated[dict[str, Any], _SECTIONS]] = SHIPPED["formats"]
     """Keys for all scenes of a format. They win over the keys of all scenes, and a scene's own row wins over them. Those of
     the preset paper for hoi4d, and of the benchmarks lerf and 3d_ovs, come with egosplat; keys of the configuration win."""
 

@@ -22,8 +22,8 @@ SNAKEFILE = Path("workflow/Snakefile")
 _SNAKEFILES = ("Snakefile", "snakefile", SNAKEFILE)
 CONFIG, PRESETS = Path("config/config.yaml"), Path("config/presets")
 
-# Where the workflow puts results, which its targets name from the folder of the workflow.
-_RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+/.+)")
+# Where the workflow puts results, which its targets name from the folder of the workflow. A folder above may be called so, too.
+_RESULT = re.compile(r"(?:^|/)(results/[a-z0-9_]+(?:/[\w-]+(?:/variants/[\w-]+|/tradeoff)?)?/[^/]+)$")
 _SCENE = re.compile(r"(.*/)?results/[a-z0-9_]+/[\w-]+(/variants/[\w-]+)?")
 
 SETTINGS = "EGOSPLAT_SETTINGS"  # environment variable: what Snakemake's command sets, for artifacts to record
@@ -53,7 +53,7 @@ def has_workflow(folder: Path) -> bool:
 
 
 PRESET_NAMES = sorted(
-    {path.stem for folder in (find_home(PRESETS), _HOME / PRESETS) for path in folder.glob("*.yaml")}
+    {path.stem for folder in (find_home(PRESETS), _HOME / PRESETS) for path in folder.glob("[!.]*.yaml")}
 )
 
 

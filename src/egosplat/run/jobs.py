@@ -14,7 +14,7 @@ from egosplat.files import expand_home
 from egosplat.models.checkpoints import content_hash, joint_hash, model_hashes
 from egosplat.pipeline import dag
 from egosplat.pipeline.config import Config, stage_sections
-from egosplat.pipeline.scenes import Scene, check_recording
+from egosplat.pipeline.scenes import Scene
 from egosplat.pipeline.stages import STAGES, code_of
 from egosplat.pipeline.survey_file import Survey
 from egosplat.pipeline.validation import read_document
@@ -92,13 +92,6 @@ def chunk_files(stage: str, job: Job) -> list[str]:
     own = Path(job.scene.results, "variants", job.variant) if job.variant else job.scene.results
     count = dag.count_chunks(stage, job.config, job.survey)
     return [f"{own}/{stage}.{number}.chunk" for number in range(1, count + 1)]
-
-
-def recording_path(job: Job) -> str | None:
-    """Get the recording, one folder or video file; None where its name is no path (UserError: there is none)."""
-    check_recording(job.scene)
-    # HOI4D's sequences have names that are no folder.
-    return str(job.scene.recording) if job.scene.synthetic or job.scene.recording.exists() else None
 
 
 def parameters(stage: str) -> dict[str, Callable[[str, Job], str]]:

@@ -65,8 +65,7 @@ def test_an_unreadable_lock_folder_is_left_to_snakemake(tmp_path):
 
 def test_locks_stay_while_jobs_of_the_folder_are_queued(tmp_path, monkeypatch):
     """Jobs outlive a killed Snakemake; two must not write one artifact."""
-    lock = locked(tmp_path / "work/.snakemake")
-    queue = tmp_path / "squeue"
+    lock, queue = locked(tmp_path / "work/.snakemake"), tmp_path / "squeue"
     queue.write_text(f"#!/bin/sh\necho {tmp_path / 'work'}\n")
     queue.chmod(0o755)
     monkeypatch.setenv("PATH", str(tmp_path), prepend=":")

@@ -34,6 +34,7 @@ def folder(tmp_path, monkeypatch):
         (f"{SCENE}/frames.zarr", "is a single artifact; give the folder of its scene, results/adt/scene1"),
         (f"{SCENE}/variants/accurate", "does not exist. Make the variant: "),
         (f"{SCENE}/variants/w", "does not exist. "),
+        (f"{SCENE}/results/adt/s", f"Make the scene: cd {SCENE} && "),  # below another folder of this name
     ],
 )
 def test_an_unfinished_scene_lists_its_missing_files(folder, given, said):

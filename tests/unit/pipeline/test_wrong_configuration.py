@@ -1,16 +1,18 @@
 """Each fault of a configuration is refused with the key, the line or the file that is wrong."""
 
 import math
+import runpy
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from egosplat.errors import UserError
-from egosplat.pipeline import config
+from egosplat.pipeline import config, home
 from egosplat.pipeline.scenes import find_scene, read_scenes
 from egosplat.pipeline.strict_yaml import load_yaml, read_yaml
 from egosplat.pipeline.variants import variant_config, with_presets
-from tests.support import HEADER, PRESETS
+from tests.support import HEADER, PRESETS, ROOT
 
 ROW = HEADER + "adt\ts\tadt\tr\t\n"
 GIVEN = {"splats": {"source": "point_cloud.ply"}}
@@ -66,7 +68,7 @@ FAULTS = [
     ({"splats": GIVEN["splats"] | {"language": "joint"}}, "splats.source: .*language = after, not joint"),
     # Keys of a format.
     ({"formats": {"hoi5d": {}}}, "formats.hoi5d = .* 'adt', 'hoi4d', 'plain'"),
-    ({"formats": {"hoi4d": {"preset": {}}}}, "formats.hoi4d: preset = "),
+    ({"formats": {"hoi4d": {"preset": "draft"}}}, "formats.hoi4d = .* preset .* hold for all scenes"),
     ({"formats": {"hoi4d": {"masks": {"treshold": 1}}}}, "formats.hoi4d: unknown key 'masks.treshold'; did"),
     ({"formats": {"plain": {"masks": {"threshold": 7}}}}, "formats.plain: masks.threshold = 7 .* 1"),
     # Variants.
@@ -109,7 +111,7 @@ def test_an_error_names_the_last_layer_that_sets_the_key():
         config.configure([*layers, config.Layer("third", {"frames": {"resolution": 64}})])
 
 
-def test_absent_and_faulty_files_and_unknown_scenes_are_named(tmp_path):
+def test_absent_and_faulty_files_and_unknown_scenes_are_named(tmp_path, monkeypatch):
     with pytest.raises(UserError, match="none.tsv"):
         read_scenes(config.resolve({"scenes": str(tmp_path / "none.tsv")}, PRESETS))
     with pytest.raises(UserError, match="adt/t .*adt/s"):
@@ -117,6 +119,12 @@ def test_absent_and_faulty_files_and_unknown_scenes_are_named(tmp_path):
     (tmp_path / "draft.yaml").write_text("frames: {strid: 3}")
     with pytest.raises(UserError, match="draft.yaml: .*'frames.strid'.* 'stride'"):
         config.resolve({"preset": "draft"}, tmp_path)
+    with pytest.raises(UserError, match="preset draft.yaml: .*'frames.strid'"):
+        with_presets(config.resolve({}, tmp_path), tmp_path, "adt")
+    (tmp_path / "config/presets").mkdir(parents=True)
+    (tmp_path / "config/presets/.#draft.yaml").symlink_to("me@here")  # of an editor
+    monkeypatch.chdir(tmp_path)
+    assert ".#draft" not in runpy.run_path(home.__file__)["PRESET_NAMES"]
 
 
 @pytest.mark.parametrize(
@@ -154,7 +162,13 @@ def test_keys_of_several_mappings_may_be_alike_and_numbers_may_have_an_exponent(
     assert found == value and type(found) is type(value)
 
 
-def test_presets_that_are_not_chosen_are_checked(tmp_path):
-    (tmp_path / "draft.yaml").write_text("frames: {resolutoin: 300}")
-    with pytest.raises(UserError, match="preset draft.yaml: .*frames.resolutoin"):
-        with_presets(config.resolve({}, tmp_path), tmp_path, "adt")
+def test_a_plan_ends_with_a_line_where_a_key_is_set_twice_or_a_file_cannot_be_read(tmp_path):
+    """Snakemake takes the last value of a key without a word, and a file's error for one of the program."""
+    code, more = str(ROOT / "workflow/common/start.smk"), tmp_path / "more.yaml"
+    given = {"workflow": SimpleNamespace(overwrite_configfiles=[more])}
+    more.write_text("frames: {stride: 1}")
+    with pytest.raises(SystemExit, match=f"egosplat: {tmp_path}: Is a directory"):
+        runpy.run_path(code, given)["or_exit"](tmp_path.read_bytes)
+    more.write_text("frames: {stride: 1, stride: 2}")
+    with pytest.raises(SystemExit, match="egosplat: .*/more.yaml: .*'stride' is set twice"):
+        runpy.run_path(code, given)

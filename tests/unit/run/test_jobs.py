@@ -110,14 +110,11 @@ def test_chunks_of_a_long_recording_are_gathered(scenes, monkeypatch):
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_parameter_of_each_stage_is_a_text(scenes, monkeypatch, stage):
     monkeypatch.setattr(Job, "survey", survey("refined"))
-    job = Job(scenes["adt", "one"])
     for name, function in jobs.parameters(stage).items():
-        assert isinstance(function(stage, job), str), name
+        assert isinstance(function(stage, Job(scenes["adt", "one"])), str), name
 
 
-def test_a_missing_recording_variant_or_file_of_gaussians_ends_the_plan(scenes):
-    with pytest.raises(UserError, match=r"mine/absent: no recording at absent.mp4"):
-        jobs.recording_path(Job(scenes["mine", "absent"]))
+def test_a_missing_variant_or_file_of_gaussians_ends_the_plan(scenes):
     with pytest.raises(UserError, match="no variant 'w'"):
         jobs.path_of("frames", Job(scenes["mine", "here"], "w"))
     given = replace(scenes["mine", "here"], config=merge(CONFIG, {"splats": {"source": "none.ply"}}))

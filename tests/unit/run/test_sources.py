@@ -103,9 +103,8 @@ def test_poses_that_are_not_read_are_told(tmp_path, capsys, name, told):
     path.write_text('{"poses": [], "frames": []}')
     read_source(folder, tmp_path / "r")
     said = capsys.readouterr().err
-    assert (
-        f"{path}: these poses are not read; {told}" in said and "takes its pictures, and not clip.mp4" in said
-    )
+    assert f"{path}: these poses are not read; {told}" in said
+    assert "takes its pictures, and not clip.mp4" in said
 
 
 def test_a_scene_has_the_name_of_its_file():
