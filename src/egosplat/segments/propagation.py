@@ -134,9 +134,9 @@ class Propagator:
         self._forget(group, frame)
         return logits
 
-    def ended(self, group: Group) -> bool:
-        """Whether no object of a group is searched for again: it has no mask in any later frame, and needs no memory."""
-        return bool(group.unseen.min() >= self._patience)
+    def searched(self, group: Group) -> int:
+        """Number of a group's objects that are searched for again. If none is, the group has no later mask, and needs no memory."""
+        return int((group.unseen < self._patience).sum())
 
     def _inputs(self, frame: int, count: int) -> dict[str, Any]:
         """What SAM2 takes for a batch of objects in a frame."""
@@ -175,7 +175,7 @@ class Propagator:
 
     def _forget(self, group: Group, frame: int) -> None:
         """Drop memories that the memory attention of the next frames does not use."""
-        if self.ended(group):
+        if not self.searched(group):
             group.recent.clear()
         for number, memory in list(group.recent.items()):
             age = abs(frame - number) + 1

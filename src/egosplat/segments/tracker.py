@@ -127,7 +127,7 @@ class Tracker:
         for groups in self._groups:
             ids, logits = [], [torch.zeros(0, self._side, self._side, device=self._sam2.compute.device)]
             for group in groups:
-                if propagator.ended(group) or (reverse and group.first_frame <= frame):
+                if not propagator.searched(group) or (reverse and group.first_frame <= frame):
                     continue
                 ids += group.ids
                 logits.append(
@@ -203,8 +203,7 @@ class Tracker:
         """Start tracks of the best new masks, and add them to those that are seen in the frame."""
         groups = self._groups[level]
         # The sort is stable, so that equal scores keep their order.
-        tracked = sum(len(group.ids) for group in groups if not self._propagator.ended(group))
-        room = max(0, self._options.max_instances - tracked)
+        room = max(0, self._options.max_instances - sum(map(self._propagator.searched, groups)))
         new = new.take(new.scores.argsort(descending=True, stable=True)[:room])
         numbers = [*range(len(self._instances), len(self._instances) + len(new))]
         scores = zip(new.predicted_iou.tolist(), new.stability.tolist(), strict=True)

@@ -103,8 +103,8 @@ def steps(sam2, encoded, monkeypatch):
             for frame in range(1, last + 1):
                 found = propagator.step(frame, group, reverse=False)
                 seen[frame] = [bool((each > 0).any()) for each in found]
-        assert propagator.ended(group) == (not group.recent)
-        return searched, seen, propagator.ended(group)
+        assert bool(propagator.searched(group)) == bool(group.recent)
+        return searched, seen, not propagator.searched(group)
 
     return run
 

@@ -10,7 +10,7 @@ from egosplat.models.sam2_loader import Sam2
 from egosplat.segments import prompts as prompting
 from egosplat.segments import tracker as tracking
 from egosplat.segments import video as video_module
-from egosplat.segments.masks import intersections
+from egosplat.segments.masks import Candidates, intersections
 from egosplat.segments.options import LEVELS, MASK_FILTERS, MaskFilter
 from egosplat.segments.prompts import grid_points, prompt
 from egosplat.segments.propagation import Group
@@ -65,20 +65,22 @@ def test_instances_belong_to_one_level_and_labels_to_instances(sam2, images):
 @pytest.mark.parametrize("found", ["_forwards", "_backwards"])
 def test_a_track_of_what_another_follows_ends_in_both_directions(sam2, images, monkeypatch, found):
     tracker = Tracker(sam2, video_of(images), OPTIONS)
-    groups = [Group(ids, 0, torch.zeros(1), {}, torch.zeros(len(ids))) for ids in ([0, 7], [3])]
+    group = Group([0, 7, 3], 0, torch.zeros(1), {}, torch.zeros(3))
     left, right = torch.zeros(2, 8, 8, dtype=torch.bool)
     left[:, :4], right[:, 4:] = True, True
     for _ in range(video_module.MIN_COMMON_FRAMES):
         tracker._overlaps[2].add(([0, 7, 3], torch.stack([left, right, left])))
-    tracker._groups[2] = groups
+    tracker._groups[2] = [group]
     monkeypatch.setattr(tracker, "_propagated", lambda frame, reverse: [([0], torch.zeros(1, 64, 64))] * 3)
     monkeypatch.setattr(tracker, "_add_new_tracks", lambda *_: None)
     getattr(tracker, found)(0)
     for _ in ("forwards", "backwards"):
-        assert [group.unseen.tolist() for group in groups] == [[0, 0], [np.inf]]
-        assert tracker._propagator.ended(groups[1])
-        for group in groups:
-            group.restart()
+        assert group.unseen.tolist() == [0, 0, np.inf]
+        group.restart()
+    new = Candidates(torch.ones(5, 64, 64), torch.ones(5), torch.ones(5))
+    with sam2.compute.inference():
+        begun, _ = tracker._begin(0, 2, new, [], new.logits[:0])
+    assert len(begun) == OPTIONS.max_instances - 2, "it leaves room for another"
 
 
 def test_the_number_of_tracked_instances_is_limited_and_may_be_none(sam2, images, monkeypatch):
