@@ -94,11 +94,6 @@ def test_readers_of_videos_need_the_listed_files_alone(video, tmp_path):
     check_copies("plain", clip.parent, clip.name, tmp_path / "copies")
 
 
-def test_an_unknown_format_is_rejected():
-    with pytest.raises(UserError, match="'aria'.*hoi4d"):
-        load_module("frames", "aria")
-
-
 FORMATS = dict.fromkeys(("adt", "lerf", "3d_ovs"), "no such folder")
 FORMATS |= {"hoi4d": "not the name of a HOI4D sequence", "plain": "not found"}
 

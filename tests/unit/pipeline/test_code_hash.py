@@ -1,16 +1,15 @@
 """The code hash changes with executed code only: modules, C++ sources, scripts and templates."""
 
 import sys
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 from egosplat.pipeline import code_hash as fingerprint
-from egosplat.pipeline import parsed_modules
 from egosplat.pipeline.code_hash import code_hash, cpp_hash, cpp_tokens, modules_of, scripts_hash
-from egosplat.pipeline.stages import STAGES, code_of
-
-PACKAGE = Path(fingerprint.__file__).parents[1]
+from egosplat.pipeline.parsed_modules import parse_module
+from egosplat.pipeline.stages import PIPELINE, STAGES, code_of
 
 HELPER = """\
 class HelperOptions(Options):
@@ -54,12 +53,7 @@ FILES = {
 }
 """Of the package ``pkg``, by path. Nothing imports ``other``."""
 
-CACHED = (
-    fingerprint._find,
-    parsed_modules.parse_module,
-    fingerprint._cached_cpp,
-    fingerprint._cached_scripts,
-)
+CACHED = (fingerprint._find, parse_module, fingerprint._cached_cpp, fingerprint._cached_scripts)
 
 
 @pytest.fixture
@@ -118,8 +112,15 @@ def test_the_hash_changes_with_code_that_a_stage_executes(stage_hash, file, old,
     assert (stage_hash(file, FILES[file].replace(old, new, 1)) == first) == same
 
 
-def test_library_versions_change_the_hash():
+def test_versions_of_libraries_change_the_hash_and_a_record_has_those_that_its_room_imports():
     assert code_hash("egosplat.geometry") != code_hash("egosplat.geometry", libraries=("numpy",))
+    known = metadata.packages_distributions()
+    counted = known.keys() - {"egosplat", "pydantic", "gsply"}  # who installs an extra need not train again
+    for stage in map(STAGES.get, set(PIPELINE) - {"synthetic"}):
+        room, reached = stage.module.rpartition(".")[0], modules_of(stage.module, *stage.modules.values())
+        own = (parse_module(*each).imports for each in reached.items() if room in each[0])
+        imported = {name.partition(".")[0] for names in own for name in names} & counted
+        assert {known[name][0] for name in imported} <= {*stage.libraries}, room
 
 
 def test_every_stage_reaches_its_own_room_and_not_another_stage():
@@ -135,7 +136,9 @@ def test_every_template_and_table_is_code_of_a_page():
     pages = [stage.module for stage in STAGES.values()]
     pages += [f"egosplat_rivals.{name}.stage" for name in ("tables", "tradeoff")] + ["egosplat.report.story"]
     folders = {path.parent for page in pages for path in modules_of(page).values() if path.stem != "__init__"}
-    texts = [path for path in PACKAGE.rglob("*") if path.suffix in fingerprint.TEXTS]
+    texts = [
+        path for path in Path(fingerprint.__file__).parents[1].rglob("*") if path.suffix in fingerprint.TEXTS
+    ]
     assert texts and {path.parent for path in texts} <= folders
 
 
