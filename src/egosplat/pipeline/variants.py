@@ -33,8 +33,8 @@ PRESET_FILES = {"paper_scaled" if name == "paper" else name: name for name in PR
 # Sections and keys that keep the scene's value with every preset: those that define frames and queries, because scores with
 # different values cannot be compared, and models (transient.lr suits the encoder).
 _KEPT = {
-    *("formats", "synthetic", "annotations", "metrics", "models", "transient.lr"),
-    *("frames.start_s", "frames.end_s", "frames.evaluation_frames", "frames.holdout", "query.readout"),
+    *("formats", "synthetic", "annotations", "metrics", "models", "transient.lr", "query.readout"),
+    *(f"frames.{name}" for name in ("stride", "start_s", "end_s", "evaluation_frames", "holdout")),
 }
 
 
