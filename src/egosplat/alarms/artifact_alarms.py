@@ -106,10 +106,13 @@ def found_text(alarm: Alarm) -> str:
 
 def alarm_line(alarm: Alarm) -> str:
     """The alarm in one line: key, what was found, the normal range, what may have caused it, and what to do."""
-    causes = f"Made with {alarm.figures[CAUSES]}. " if CAUSES in alarm.figures else ""
-    row = TABLE[alarm.key]
-    advice = alarm.figures.get(ADVICE, CONDITION.sub(r"\4", row.advice))
-    return f"{alarm.key}: {found_text(alarm)} (normal: {row.normal}). {causes}{advice}"
+    return f"{alarm.key}: {found_text(alarm)} (normal: {TABLE[alarm.key].normal}). {advice_of(alarm)}"
+
+
+def advice_of(alarm: Alarm) -> str:
+    """What may have caused an alarm, and what to do."""
+    advice = alarm.figures.get(ADVICE, CONDITION.sub(r"\4", TABLE[alarm.key].advice))
+    return f"Made with {alarm.figures[CAUSES]}. {advice}" if CAUSES in alarm.figures else str(advice)
 
 
 def warning_lines(notice: str | None, alarms: Iterable[Alarm]) -> list[str]:

@@ -41,8 +41,8 @@ def presence_phrases(
 def ask_presence(
     present: Sequence[str], absent: Sequence[str], evaluation: Evaluation, scene: Scene
 ) -> list[dict[str, Any]]:
-    """Query the whole scene for present and for absent things, see ``presence_phrases``: an entry of ``metrics.json`` each."""
-    if not (phrases := [*present, *absent]):
+    """Query the whole scene for present and for absent things: an entry of ``metrics.json`` each; none of codes for views alone."""
+    if not (phrases := [*present, *absent]) or scene.trained.maps_only:
         return []
     answers = list(scene.answers(phrases, most=1))
     best = {answer.phrase: answer.candidates[0] for answer in answers[: len(present)] if answer.candidates}

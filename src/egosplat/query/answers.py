@@ -9,9 +9,6 @@ from egosplat.arrays import Array, Bools, Floats, Ints
 from egosplat.histories.told import Carried, Place, clock, place_at
 from egosplat.query.reading import Question
 
-# What is told of a view without a match.
-NOTHING = "nothing is visible here"
-
 
 @dataclass(frozen=True)
 class Evidence:

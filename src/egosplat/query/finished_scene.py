@@ -285,7 +285,7 @@ class Scene:
             if question.is_plain:
                 yield replace(next(answers), question=question)
             elif question.refusal or viewpoint is not None:
-                why = question.refusal or "relations need the whole scene: leave out the view"
+                why = question.refusal or "needs the whole scene: leave out the view"
                 yield Answer(question.phrase, grades.NOT_ASKED, 0.0, refusal=why, question=question)
             else:
                 for answer in self._stand(question, options):
@@ -312,6 +312,8 @@ class Scene:
         # Only the answers are computed one by one: everything else is read before the first is asked for.
         texts = self.encode(phrases, options)
         if viewpoint is None:
+            if self.trained.maps_only:
+                raise UserError(f"{self.folder}: its codes answer single views alone, as with --frame 0")
             # The evidence for the best thing needs the next one.
             many = max(_MANY if self.contest else 2, most)
             every = ask_scene(self.asked, self.surface, texts, options, many)

@@ -14,7 +14,7 @@ from egosplat.errors import UserError
 from egosplat.histories.known import Histories
 from egosplat.histories.told import Carried
 from egosplat.pipeline.home import OWN_FITS
-from egosplat.query.answers import NOTHING, Answer, Evidence, Thing, ViewMatch
+from egosplat.query.answers import Answer, Evidence, Thing, ViewMatch
 from egosplat.query.options import HELD, QueryOptions
 from egosplat.query.relevancy import relevancy
 from egosplat.query.text import CARRIED, Texts, nearest_word, other_meanings
@@ -215,6 +215,6 @@ def judge(
 def judge_view(match: ViewMatch, unknown: Unknown, grading: Grading) -> Answer:
     """Judge what matches in one view, by its score."""
     untaught, why = unknown
-    refusal = why or (NOTHING if match.level is None else grading.refusal(match.score))
+    refusal = why or ("nothing is visible here" if match.level is None else grading.refusal(match.score))
     shown, grade = (None, NOT_FOUND) if refusal else (match, FOUND)
     return Answer(match.phrase, grade, match.score, None, refusal, untaught, view=shown)

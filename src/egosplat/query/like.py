@@ -68,7 +68,8 @@ class Looks:
     def __init__(self, scene: Scene) -> None:
         """Read them (UserError: the scene has none, or they are damaged or of another scene)."""
         self.scene, views, things = scene, scene.artifact("view_features"), scene.artifact("instances")
-        self.instance, self.frame, self.box = (views.read(name) for name in ("instance", "frame", "box"))
+        names = ("instance", "frame", "box", "area")
+        self.instance, self.frame, self.box, self.area = map(views.read, names)
         self.feature = views.read("feature").astype(np.float64)
         self.level, self.owner = things.read("instances/level"), things.read("gaussians/instance")
         self._levels = things.facts["levels"]
@@ -108,10 +109,10 @@ class Looks:
         places = self._xyz[members] if len(members) else np.full((1, 3), np.nan)
         low, center, high = np.quantile(places, (EXTENT[0], 0.5, EXTENT[1]), axis=0)
         last_s = float(self.scene.seconds[self.frame[self.instance == number].max()])
-        shown = int(self.frame[best]), tuple(self.box[best].tolist())
-        level = self._levels[self.level[number]]
-        place = level, center, high - low, shown[0], members
-        return Alike(similarity, *place, instance=number, box=shown[1], last_s=last_s)
+        level, share = self._levels[self.level[number]], float(self.area[best] / self.scene.valid.size)
+        place = level, center, high - low, int(self.frame[best]), members, share
+        box = tuple(self.box[best].tolist())
+        return Alike(similarity, *place, instance=number, box=box, last_s=last_s)
 
     def _is_one(self, thing: Alike, other: Alike) -> bool:
         """Whether two things share Gaussians; of what moves and has none, whether frames show both at one place."""

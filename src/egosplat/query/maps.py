@@ -35,8 +35,7 @@ def read_maps(maps: Floats, valid: Bools, options: QueryOptions) -> Maps:
     seen = ~np.isnan(maps) & resize_shown(valid, *maps.shape[1:])
     shown = valid & np.stack([resize_shown(level, height, width) for level in seen])
     raw = np.stack([fill_unseen(*level) for level in zip(maps, seen, strict=True)])
-    if maps.shape[1:] != valid.shape:
-        raw = np.stack([cv2.resize(level, (width, height)).astype(np.float32, copy=False) for level in raw])
+    raw = np.stack([cv2.resize(level, (width, height)).astype(np.float32, copy=False) for level in raw])
     side = options.box_filter_px(max(valid.shape))
     return Maps(raw, np.stack([box_filter(level, side) for level in raw]), shown)
 

@@ -14,6 +14,7 @@ PATTERNS = {name: WORDS[name] for name in ("list", "look", "anything", "anyone",
     "trail": rf"(?:[\s,]*[?!.…。？！]+|[\s,]+(?:{'|'.join(WORDS['trail'])}))$",
     "relation": rf"(?:^|\s+)(?:(?:{WORDS['verbs']})\s+)*(?:{'|'.join(f'({said})' for said in WORDS['relations'].values())})\s+(?=\S)",
 }
+_QUOTED = '["“]([^"“”]+)["”]'
 
 
 @dataclass(frozen=True)
@@ -54,9 +55,8 @@ class Question:
 def read_questions(clip: OpenClip, text: str, names: Collection[str] = ()) -> list[Question]:
     """Read a text as the questions that it asks, one or more; fixed ``names``, and what is in quotation marks, are asked as typed."""
     typed, blank = clean_phrase(text), Question("", refusal=refuse_phrase(clip, ""))
-    if typed.lower() in names or re.fullmatch('["“].+["”]', typed):
-        phrase = typed.strip('"“”')
-        return [Question(phrase, typed=typed, refusal=refuse_phrase(clip, phrase))]
+    if typed.lower() in names or re.fullmatch(_QUOTED, typed):
+        return [replace(_read(clip, typed, names), typed=typed)]
     plain = unicodedata.normalize("NFKC", typed)
     parts = list(_split(_strip(plain)))
     questions = [_read(clip, part, names) for part in parts] or [blank]
@@ -86,12 +86,16 @@ def _split(text: str) -> Iterator[str]:
 
 def _read(clip: OpenClip, text: str, names: Collection[str]) -> Question:
     """Read one question, with what it stands to."""
+    if quoted := re.fullmatch(_QUOTED, text):
+        return Question(quoted[1], refusal=refuse_phrase(clip, quoted[1]))
     thing = text if text.lower() in names else _strip(text)
     known = isinstance(clip.words, frozenset) and not untaught_words(clip, thing)
     if known or thing.lower() in names or (said := _search("relation", thing)) is None:
         return _asked(clip, thing)
     relation = [*WORDS["relations"]][(said.lastindex or 1) - 1]
-    others = [part.strip() for part in thing[said.end() :].split("\0")]
+    rest = thing[said.end() :]
+    # "On the table between a and b": both are for the table.
+    others = map(str.strip, rest.split("\0") if relation == "between" else [rest])
     anchors = tuple(replace(one := _read(clip, part, names), phrase=one.phrase or part) for part in others)
     refusal = next((anchor.refusal for anchor in anchors if anchor.refusal), None)
     if all(_search("look", anchor.phrase) for anchor in anchors):

@@ -132,5 +132,5 @@ class Viewpoint:
             what = "camera_to_world is not a rigid motion: a 4x4 rotation and translation, last row 0 0 0 1"
             raise UserError(f"{where}: {what}")
         if (far := np.abs(matrix).max()) > 1e18:  # float32 holds its square
-            raise UserError(f"{where}: is {far:.0e} m from the origin, at most 1e+18")
+            raise UserError(f"{where}: is {far:.0e} from the origin, at most 1e+18")
         return Viewpoint(name, matrix, None, None if second is None else read_second(second))

@@ -53,16 +53,14 @@ class Texts:
 
     def of(self, phrases: Sequence[str]) -> "Texts":
         """Select queries, in the order of the given phrases."""
-        return self._rows([self.phrases.index(phrase) for phrase in phrases])
-
-    def _rows(self, rows: Sequence[int]) -> "Texts":
-        return Texts(tuple(self.phrases[row] for row in rows), self.queries[rows], self.canonical)
+        rows = [self.phrases.index(phrase) for phrase in phrases]
+        return Texts(tuple(phrases), self.queries[rows], self.canonical)
 
     def in_batches(self, numbers: int) -> Iterator["Texts"]:
         """Split the queries, in order, into batches of at most ``AT_ONCE`` relevancies; a query has this number of them."""
         size = max(1, AT_ONCE // max(1, numbers))
         for begin in range(0, len(self.phrases), size):
-            yield self._rows(range(len(self.phrases))[begin : begin + size])
+            yield self.of(self.phrases[begin : begin + size])
 
 
 def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) -> Texts:

@@ -28,7 +28,6 @@ _HEADERS = {
     "X-Frame-Options": "DENY",
 }
 
-
 # What a browser sends as Host: a name, which may end with a dot, or an address, and perhaps a port.
 _HOST = re.compile(r"(?P<name>\[[0-9a-f:.]*:[0-9a-f:.]*\]|[a-z0-9_-]+(?:\.[a-z0-9_-]+)*)\.?(?::[0-9]{1,5})?")
 

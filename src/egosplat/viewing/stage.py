@@ -127,7 +127,6 @@ def pack_carries(histories: Histories | None) -> tuple[Arrays, Facts]:
     """Pack ``carried_vectors`` (T, D) float16, features of things that are carried, and when each is and from where to where."""
     if histories is None or not histories.things:
         return {}, {"carried_things": []}
-
     vectors = {"carried_vectors": histories.features.numpy().astype(np.float16)}
     return vectors, {"carried_things": as_json(histories.things)}
 

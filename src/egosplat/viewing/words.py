@@ -71,9 +71,8 @@ def ask_for_page(scene: Scene, phrase: str = "", like: str = "", name: str = "")
     if like or key in known:
         looks = Looks(scene)
         own, features = (None, looks.called(key, known)) if key in known else looks.thing(instance)
-        answer = judge(
-            key or "more like this", looks.find(features, MOST, but=own), ((), None), SIMILARITY, MOST
-        )
+        things = looks.find(features, MOST, but=own)
+        answer = judge(key or "more like this", things, ((), None), SIMILARITY, MOST)
         return {"answers": [page_answer(answer) | {"measure": "similarity"}]}
     answers = scene.ask(phrase)
     best = next((one for one in answers if one.things), answers[0])

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from egosplat.alarms.artifact_alarms import found_text
+from egosplat.alarms.artifact_alarms import advice_of, found_text
 from egosplat.alarms.table import TABLE, Alarm
 from egosplat.evaluation.intervals import CONFIDENCE
 from egosplat.files import write_text
@@ -101,5 +101,5 @@ def _alarms(scene: ScoredScene) -> Iterator[dict[str, str]]:
             "Alarm": alarm.key,
             "Found": found_text(alarm),
             "Normal": TABLE[alarm.key].normal,
-            "What to do": TABLE[alarm.key].advice,
+            "What to do": advice_of(alarm),
         }

@@ -54,6 +54,9 @@ def test_maps_from_tiles_are_scored_by_pixels_and_without_features(word_scene, u
     assert found["queries"] == by_pixels["queries"] != usual["queries"] and "views" not in found["counts"]
     assert found["provenance"]["options"]["readout"] == "pixels" and found["counts"]["gaussians"] == count
     assert set(found["artifacts"]) == {f"{name}.zarr" for name in (*names, "tiles")}
+    assert not found["presence"]["queries"] and by_pixels["presence"]["queries"]
+    with pytest.raises(UserError, match="--frame"):
+        finished_scene.open_scene(folder, device="cpu").ask("couch")
     with pytest.raises(UserError, match="give --features or --tiles"):
         score(folder, names)
 

@@ -33,7 +33,8 @@ def test_a_picture_finds_its_thing_and_when_it_was_seen_last(scene, run_command,
     assert float(center.split(",")[0]) > 0.5 and last.strip() == "0:00" and lead.startswith("+0.")
     assert "white.png  not found: no thing here looks like it" in out
     assert Image.open(scene / "query.png").height == 512
-    assert ask_pictures(open_scene(scene), tmp_path / "cup.png")[0].things[0].center[0] > 0.5
+    thing = ask_pictures(open_scene(scene), tmp_path / "cup.png")[0].things[0]
+    assert thing.center[0] > 0.5 and thing.share == (thing.frame + 9) / 96**2
 
 
 def test_of_what_overlaps_the_most_alike_is_told(scene):

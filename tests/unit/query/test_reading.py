@@ -16,6 +16,7 @@ bed, couch | bed and couch | where are the bed and the couch? | bed; couch = bed
 椅子、桌子 = 椅子 + 桌子
 could you tell me where I left my keys = keys
 cup on the table | cup on table | Is the cup on the table? | cups that stand on top of a table = cup on table
+"cup" and “the book” = cup + the book
 cup and book under the desk = cup under desk + book under desk
 pillow between the couch and the armchair = pillow between couch and armchair
 what is on the desk | what's on the desk? | show me everything on the desk = anything on desk
@@ -52,6 +53,8 @@ def test_a_taught_phrase_a_name_and_a_plural_that_a_model_may_know_are_not_chang
     assert reads(knowing, "cup on the table") == ["cup on the table"]
     assert reads(clip, "jack in the box", {"jack in the box"}) == ["jack in the box"]
     assert reads(replace(clip, words=None), "where are the cups?") == ["cups"]
+    [asked] = read_questions(clip, "cup on the table between the couch and the bed")
+    assert [one.read for one in asked.anchors] == ["table between couch and bed"]
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,15 @@ def test_the_maps_are_those_that_were_scored(word_scene):
         assert one.target.sum() == 46 * 24
 
 
+def test_a_frame_that_was_asked_at_its_given_pose_is_drawn_there(word_scene):
+    away = {"corrections/camera_to_world": np.tile(np.diag([-1.0, 1.0, -1.0, 1.0]), (4, 1, 1))}
+    folder = word_scene(corrections=away | {"held_out/render_given": np.zeros((1, 48, 48, 3), np.uint8)})
+    scored = read_document(score(folder, held_out="given"), "metrics")
+    scene = open_scored(folder, recorded_options(scored["provenance"]["options"]))
+    [shown] = ask_again(scored_queries(scored)[:1], scene, scored, folder / "metrics.json")
+    np.testing.assert_array_equal(shown.view, scene.render(pose=np.eye(4)))
+
+
 def test_frames_that_were_asked_at_their_time_are_so_again(word_scene):
     folder = word_scene()
     for in_time in (False, True):

@@ -39,7 +39,7 @@ def test_the_steps_come_in_order_with_pictures_and_costs_and_what_is_absent_is_o
     headings = re.findall(r"<h2 id=.step.*?>\d+\. (.*?)</h2>", page)
     assert len(headings) == 10 and headings[::9] == ["Recording", "Questions"]
     assert "700 Gaussians" in page and "2 views are outliers" in page and "4 of 5 frames have a pose" in page
-    assert "from one place to another 2 times." in page
+    assert "from one place to another: 2." in page
     assert page.count("data:image/webp") == 1, "one page is there"
     costs = re.findall(r"<tr><td>(\w+)</td>", page)
     assert costs == ["frames", "poses", "instances", "features", "splats", "language", "histories"]

@@ -154,7 +154,8 @@ def ask_again(
     ask = ask_of(evaluation, scene.asker(phrases_to_ask(shown, evaluation.instances, options)), options.masks)
     for frame in sorted({query.frame for query in chosen}):
         in_frame = [query for query in chosen if query.frame == frame]
-        photograph, view = scene.frames[frame], scene.render(frame)
+        photograph, second = scene.frames[frame], float(scene.seconds[frame])
+        view = scene.render(pose=evaluation.camera_to_world[frame], second=second)
         answers = ask(frame, [query.category for query in in_frame])
         for query, answer in zip(in_frame, answers, strict=True):
             place = asked[frame, query.category]

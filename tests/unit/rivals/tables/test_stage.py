@@ -112,11 +112,13 @@ def test_recordings_apartments_and_validation_apartments_stand_apart(tables, sco
 
 def test_the_page_shows_the_alarms_of_its_scenes(tables, scored, out):
     alarm = {"key": "poses.models", "figures": {"value": 2, "limit": 1, "frames": "<4>, 7"}}
-    tables(scored("adt/scene1", alarms=[alarm]), scored("adt/scene2"))
+    told = {"value": 12, "limit": 20, "advice": "Look.", "made_with": "9"}
+    alarms = [alarm, {"key": "splats.psnr", "figures": told}]
+    tables(scored("adt/scene1", alarms=alarms), scored("adt/scene2"))
     page = (out / "tables.html").read_text()
     section = page[page.index('id="alarms"') :]
     assert "adt/scene1" in section and "adt/scene2" not in section
-    assert all(word in section for word in ("poses.models", "&lt;4&gt;, 7", "up to 1"))
+    assert all(one in section for one in ("poses.models", "&lt;4&gt;, 7", "up to 1", "Made with 9. Look."))
     tables(scored("adt/scene1"))
     assert 'id="alarms"' not in (out / "tables.html").read_text()
 
