@@ -89,15 +89,12 @@ def ask(folder: Path, world: World) -> Iterator[dict[str, object]]:
     for (name, relation, anchors), truth in questions(things, names):
         question = f"{name} {relation} the {' and the '.join(anchors)}"
         answer = scene.ask(question)[0]
-        # That a thing is not found says nothing about how it stands.
-        told = "yes" if answer.things else "no" if ", but not " in str(answer.refusal) else "not found"
-        right = None if told == "not found" else int((told == "yes") == truth)
+        lacks = "none seen" if ", but none is seen " in str(answer.refusal) else "not found"
         yield {
             "scene": title_of(folder),
             "question": question,
             "true": int(truth),
-            "told": told,
-            "right": right,
+            "told": "yes" if answer.things else lacks,
         }
 
 
@@ -108,12 +105,12 @@ def summary(rows: pd.DataFrame) -> str:
             scene,
             "true" if true else "false",
             len(own),
-            *(own["told"].eq(told).sum() for told in ("yes", "no", "not found")),
+            *(own["told"].eq(told).sum() for told in ("yes", "none seen", "not found")),
         )
         for scene, of_scene in rows.groupby("scene", sort=False)
         for true, own in of_scene.groupby("true", sort=False)
     ]
-    return markdown(("scene", "questions", "asked", "told yes", "told no", "not found"), table, words=2)
+    return markdown(("scene", "questions", "asked", "told yes", "none seen", "not found"), table, words=2)
 
 
 @command(__doc__)

@@ -157,7 +157,7 @@ def relate(
     lacking = next((one.refusal for one in anchors if one.untaught), None)
     named = zip(question.anchors, anchors, strict=True)
     absent = [asked.read for asked, anchor in named if not anchor.things]
-    told = f"no {absent[0]} is found" if absent else f"not {question.stand}"
+    told = f"no {absent[0]} is found" if absent else f"none is seen {question.stand}"
     kept: list[Answer] = []
     for answer in answers if question.phrase or not absent else ():
         things = [one for one in answer.candidates if grading.grade(one.rating) != NOT_FOUND]

@@ -258,7 +258,7 @@ def test_a_long_refusal_does_not_widen_a_column(tmp_path):
 
 
 def test_what_is_carried_and_does_not_stand_so_is_told_so():
-    question, why = Question("cushion", "on", (Question("couch"),)), "a cushion, but not on a couch"
+    question, why = Question("cushion", "on", (Question("couch"),)), "a cushion, but none is seen on a couch"
     answer = Answer("cushion", "not found", 0.0, refusal=why, history=("carried",), question=question)
     for one, told in ((answer, why), (replace(answer, question=None), "it was carried")):
         assert command.answer_rows(one, by_score(0.95))[0][1].startswith(told)

@@ -80,7 +80,7 @@ def test_how_things_stand(space, text, right):
     [anchor] = [name for name in BOXES if text.endswith(name)]
     found = told(space, phrase, text[len(phrase) : -len(anchor)].strip(), anchor)
     assert (found.grade == FOUND) is right is bool(found.things), text
-    assert right or found.refusal.startswith(f"a {phrase}, but not ")
+    assert right or found.refusal.startswith(f"a {phrase}, but none is seen ")
 
 
 def test_between_two_things_or_two_of_one_name(space):
@@ -107,4 +107,4 @@ def test_what_is_absent_is_named_and_anything_is_listed_once(space):
     every = [answer(space, name) for name in (*BOXES, "cup")]
     assert {one.phrase for one in relate(anything, every, table, grading, space)} == {"cup", "bowl"}
     [nothing] = relate(anything, [answer(space, "lamp")], table, grading, space)
-    assert nothing.refusal == "something, but not on a table"
+    assert nothing.refusal == "something, but none is seen on a table"
