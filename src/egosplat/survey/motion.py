@@ -36,6 +36,7 @@ class Motion:
     """Motion in P pairs of frames, and R pairs of frames that show the same again later.
 
     Attributes:
+        depths: (F,) float64 median depth of what each frame shows [m], see ``views.median_depths``.
         pairs: (P, 2) int64 frames.
         moving, lasting: (P,) float64 pixels in moving regions, and in those that move in three pairs in a row, as a
             fraction of the valid ones.
@@ -45,6 +46,7 @@ class Motion:
             pair is not judged.
     """
 
+    depths: Array
     pairs: Ints
     moving: Array
     lasting: Array
@@ -108,6 +110,7 @@ def measure_motion(frames: Artifact, poses: Artifact) -> Motion:
     numbers = np.array([(pair.before_px, pair.noise_px) for pair in found]).reshape(-1, 2)
     valid_count = max(1, int(valid.sum()))
     return Motion(
+        depths=depths,
         pairs=pairs,
         moving=np.array([np.count_nonzero(labels) for labels in regions]) / valid_count,
         lasting=_lasting(pairs, regions, flows) / valid_count,

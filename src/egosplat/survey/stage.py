@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 
+from egosplat.arrays import Array
 from egosplat.artifacts import provenance
 from egosplat.artifacts.consistency import check_made_from
 from egosplat.artifacts.reader import Artifact, open_artifact
 from egosplat.artifacts.schemas import FRAMES, POSES
-from egosplat.geometry import Camera
 from egosplat.pipeline.survey_file import digest_of
 from egosplat.pipeline.validation import write_document
 from egosplat.progress import log
@@ -17,7 +17,7 @@ from egosplat.survey.cells import find_cells
 from egosplat.survey.decisions import decide_camera, decide_motion, median
 from egosplat.survey.motion import measure_motion
 from egosplat.survey.options import SurveyOptions
-from egosplat.survey.views import choose_views, median_depths
+from egosplat.survey.views import choose_views
 
 FORMAT_VERSION = 8
 
@@ -35,7 +35,7 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
         "origin": record.origin,
         "motion": decide_motion(motion, options.min_moving_share),
         "camera": decide_camera(motion),
-        **_views(frames, poses, options),
+        **_views(frames, poses, motion.depths, options),
         "poses": {
             "source": source,
             "registered": int(poses.read("registered").sum()),
@@ -55,13 +55,10 @@ def run(frames_path: Path, poses_path: Path, output: Path, options: SurveyOption
         log(f"cells: of {', '.join(str(len(cell['frames'])) for cell in cells)} training frames")
 
 
-def _views(frames: Artifact, poses: Artifact, options: SurveyOptions) -> dict[str, Any]:
-    """The sections ``views`` and ``cells``."""
-    _, height, width, _ = frames.shape("rgb")
-    camera = Camera.from_matrix(poses.read("intrinsics"), width, height)
+def _views(frames: Artifact, poses: Artifact, depths: Array, options: SurveyOptions) -> dict[str, Any]:
+    """The sections ``views`` and ``cells``, by the (F,) median ``depths`` of the frames [m]."""
     train, registered = frames.read("train"), poses.read("registered")
     camera_to_world = poses.read("camera_to_world")
-    depths = median_depths(camera, camera_to_world, registered, poses.read("points/xyz"))
     times_ns, optional = frames.read("timestamp_ns"), train & ~frames.read("evaluation")
     kept = choose_views(camera_to_world, depths, times_ns, optional, options.min_view_change_deg)
     kept_frames, usable = np.flatnonzero(kept).tolist(), train & registered

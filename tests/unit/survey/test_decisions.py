@@ -10,12 +10,11 @@ from egosplat.survey.motion import Motion
 def motion(lasting=0.0, fleeting=0.0, voting=0.5, noise=0.1, before=0.1, pairs=6, revisits=0, stops=0.0):
     """Equal pairs; ``before``: noise without a correction [px]."""
     frames, every = np.arange(pairs + 1), np.ones(pairs + revisits)
+    measured = {"moving": lasting + fleeting, "lasting": lasting, "voting": voting, "stops": stops}
     return Motion(
+        depths=np.ones(pairs + 1),
         pairs=np.stack([frames[:-1], frames[1:]], axis=1),
-        moving=np.full(pairs, lasting + fleeting),
-        lasting=np.full(pairs, lasting),
-        voting=np.full(pairs, voting),
-        stops=np.full(pairs, stops),
+        **{name: np.full(pairs, value) for name, value in measured.items()},
         before_px=every * before,
         after_px=every * noise,
     )
