@@ -121,7 +121,8 @@ def test_what_takes_long_is_imported_where_it_is_used(imported_after_torch, prog
     assert imported in found and not left_out & found
 
 
-def test_reading_frames_never_imports_annotation_code():
+def test_reading_frames_never_imports_annotation_code_and_always_the_codec_of_pictures():
+    assert "egosplat.artifacts.jpeg" in imported_by("import egosplat.artifacts.reader")
     modules = imported_by(
         "import egosplat.frames.stage\n"
         "from egosplat.pipeline.stages import STAGES, load_module\n"

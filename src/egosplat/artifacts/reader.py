@@ -1,5 +1,6 @@
 """Read artifacts with checks. Opening checks schema, version, seal and completeness. Reading checks the
-CRC32C of each chunk, and its numbers by the schema. ``verify`` checks every byte and number."""
+CRC32C of each chunk, and its numbers by the schema. ``verify`` checks every byte and number. Zarr finds the
+codec of pictures, ``jpeg``, only once it is imported."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -9,6 +10,7 @@ import numpy as np
 import zarr
 from numpy.typing import NDArray
 
+from egosplat.artifacts import jpeg  # noqa: F401
 from egosplat.artifacts.integrity import ArtifactError, absent, damaged, digest_of, rebuild_command, seal
 from egosplat.artifacts.schema import Field, Schema, check_shape, sizes_of
 from egosplat.errors import UserError, reraise_as

@@ -31,11 +31,7 @@ MAX_INV_DIST_STD, MAX_DIST_STD_M = 0.001, 0.15
 
 
 def adt_poses(
-    folder: Path,
-    exposure_middle_ns: Ints,
-    device_from_camera: Array,
-    camera: Camera,
-    options: PosesOptions,
+    folder: Path, exposure_middle_ns: Ints, device_from_camera: Array, camera: Camera, options: PosesOptions
 ) -> Poses:
     """Interpolate the trajectory of an ADT recording at its frames, and read its points [m]
     (docs/method.md#poses). Frames outside the trajectory, or between rows further apart than ``MAX_GAP_MS``,
