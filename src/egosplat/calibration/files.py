@@ -201,7 +201,7 @@ def list_pictures(folder: Path) -> list[Path]:
     """The pictures of a plain recording, in no order; masks are none."""
     files = [path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != "."]
     masks = {folder / VALID_MASK, *dynamic_masks(folder)}
-    return [path for path in files if path not in masks and path.is_file()]
+    return [path for path in files if path not in masks and not path.is_dir()]
 
 
 def dynamic_masks(folder: Path) -> list[Path]:

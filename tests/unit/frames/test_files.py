@@ -74,8 +74,7 @@ def test_readers_of_adt_need_the_listed_files_alone(copy, tmp_path):
 
 def test_readers_of_hoi4d_need_the_listed_files_alone(root, tmp_path):
     check_copies("hoi4d", root, FOLDER, tmp_path / "copies")
-    named = {path.name for path in opened("annotations", "hoi4d", root / FOLDER)}
-    assert named == {"00000.png", "00003.png"}
+    assert {one.name for one in opened("annotations", "hoi4d", root / FOLDER)} == {"00000.png", "00003.png"}
 
 
 def test_readers_of_plain_recordings_need_the_listed_files_alone(images, tmp_path):

@@ -122,6 +122,7 @@ BAD_IMAGES = {
     "a mask of another size": ("valid.png", Image.new("L", (63, 48), 255), "63x48"),
     "a black mask": ("valid.png", Image.new("L", (64, 48), 0), "black"),
     "another size": ("7.png", Image.new("RGB", (48, 64)), "48x64 px.*64x48.*COLMAP project"),
+    "a broken link": ("13.png", None, "not a readable image"),
     "cut off": ("3.png", Image.fromarray(TEXTURED), ""),
     "16 bits": ("3.png", Image.fromarray(np.zeros((48, 64), np.uint16)), "as of depth"),
 }
@@ -130,7 +131,7 @@ BAD_IMAGES = {
 @pytest.mark.parametrize("kind", BAD_IMAGES)
 def test_bad_images_and_masks_are_named(images, kind):
     name, image, problem = BAD_IMAGES[kind]
-    image.save(images / name)
+    image.save(images / name) if image else (images / name).symlink_to("nowhere")
     if kind == "cut off":
         (images / name).write_bytes((images / name).read_bytes()[:5000])
     with pytest.raises(UserError, match=f"{name}.*{problem}"):
