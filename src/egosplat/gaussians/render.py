@@ -118,7 +118,7 @@ class TrainedScene:
 
     @torch.no_grad()
     def picture(self, camera: Camera, camera_to_world: Array) -> Floats:
-        """Render (H, W, 3) float32 sRGB in [0, 1] as in training; a random background becomes black."""
+        """Render (H, W, 3) float32 sRGB in [0, 1], on the background of the training."""
         return self.rendered(camera, camera_to_world).clamp(0.0, 1.0).cpu().numpy()
 
     def rendered(self, camera: Camera, camera_to_world: Array | Tensor) -> Tensor:

@@ -43,7 +43,7 @@ def dominant(gaussian: Ints, weight: Floats, chosen: Bools) -> Ints:
 def sum_votes(views: CodeViews, targets: CodeTargets) -> tuple[tuple[Ints, Ints, Floats, Floats], Floats]:
     """Sum over views, of P pairs of a Gaussian and an instance: (P,) int64 numbers of both, sorted, the (P, C) target codes of
     the instance times the weights of the Gaussian at its center there, and the (P,) weights [px], above 0; and of each Gaussian
-    the (N,) weight in all pixels [px]. Memory grows with the pairs, not with the views."""
+    the (N,) weight at its center, whatever that shows [px]. Memory grows with the pairs, not with the views."""
     (codes, owner), instances = targets.code_rows(), max(len(targets.level), 1)
     # The last column sums the weights.
     codes = np.column_stack([codes, np.ones(len(codes), np.float32)])
