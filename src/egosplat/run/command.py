@@ -17,7 +17,7 @@ from egosplat.doctor.inputs import read_configuration
 from egosplat.errors import UserError
 from egosplat.files import alone, read_user_text, write_text
 from egosplat.models.needed import download, find_needed, why_unreachable
-from egosplat.pipeline.config import LayeredConfig, parse_options
+from egosplat.pipeline.config import Layer, LayeredConfig, configure, parse_options
 from egosplat.pipeline.home import SNAKEFILE, find_home
 from egosplat.pipeline.model_sets import LIGHT, PHOTOS
 from egosplat.pipeline.process_guards import STARTED_BY
@@ -51,8 +51,8 @@ def make_scene(
             )
     given = dict(pair.split("=", 1) for pair in options)
     unpacked = Path("results") / dataset / scene_name / "recording"
-    chosen = given.get("frames.known_poses") or config["frames"]["known_poses"]
-    found = read_source(source, unpacked, chosen)
+    asked = Layer("--set", parse_options(" ".join(options), "--set"))
+    found = read_source(source, unpacked, configure([*config.layers, asked])["frames"]["known_poses"])
     keys = {**found.options, **given}
     row = {"dataset": dataset, "scene": scene_name, "format": found.format, "recording": str(found.path)}
     row["options"] = " ".join(f"{key}={value}" for key, value in keys.items())

@@ -147,7 +147,7 @@ def test_snakemake_ends_first_and_once(tmp_path, ending, way):
 
 def test_a_missing_splat_and_what_is_no_key_with_its_value_are_told_before_the_first_step(calls, tmp_path):
     told_of = {"frames.stride": "--set f", "frames.stride=2 a": "blanks", "splats.source=a.ply": "a.ply"}
-    for pair, told in told_of.items():
+    for pair, told in (told_of | {"frames.known_poses=Colmap": "'colmap'"}).items():
         with pytest.raises(UserError, match=told):
             make_scene(tmp_path / "photos", options=(pair,))
     assert not calls
