@@ -302,8 +302,8 @@ def test_a_file_answers_lists_and_near_words_and_names_the_command_for_the_rest(
         return page.inner_text("#answer")
 
     assert ask("where are my cups?").startswith('"where are my cups?" (read as: cup): found')
-    told = '"couch, cup and zeppelin":\ncouch: found\ncup: found\nzeppelin: .*taught.*'
-    assert re.fullmatch(told, ask("couch, cup and zeppelin"))
+    told = '"couch, cup, cups and zeppelin":\ncouch: found\ncup: found\nzeppelin: .*taught.*'
+    assert re.fullmatch(told, ask("couch, cup, cups and zeppelin"))
     assert page.locator("#things b").all_inner_texts() == ["couch", "cup"]
     assert "cup" in ask("what is here?") and 'Did you mean "red couch"?' in ask("the red coutch")
     page.click("#things button")
@@ -315,8 +315,7 @@ def test_a_file_answers_lists_and_near_words_and_names_the_command_for_the_rest(
 
 
 UNFOUND = {symbols: "no word" for symbols in ("::", "%", "\U0001f600", "\u2122", "_")}
-NOTHING = "nothing here looks like it (probability 0.0"
-UNFOUND |= dict.fromkeys(("\uff42asketball\u200b", "basketball"), NOTHING)
+UNFOUND |= dict.fromkeys(("\uff42asketball\u200b", "basketball"), "looks like it (probability 0.0")
 UNFOUND |= {"zeppelin": "never taught the word", "x" * 10_000: "too long", " \u200b": "Type the name"}
 UNFOUND["<img src=x onerror=\"document.title = 'hacked'\">"] = "<img"
 
@@ -339,7 +338,8 @@ def test_the_view_follows_slider_keys_wheel_and_drags(scene, touch):
     page, eye = scene(PHONE if touch else WIDE, touch), "Array.from(egosplat.camera.eye)"
     # The slider stands where the wearer stood.
     page.locator("#frame").fill("0")
-    assert page.evaluate(eye) == pytest.approx([-0.8, 0, 0]) and "frame 0" in page.inner_text("#clock")
+    assert page.evaluate(eye) == pytest.approx([-0.8, 0, 0])
+    assert page.get_attribute("#frame", "aria-valuetext") == page.inner_text("#clock") == "0.0 s, frame 0"
     if touch:
         page.touchscreen.tap(195, 150)
         assert page.inner_text("#place").startswith("couch")

@@ -31,11 +31,11 @@ def fact(*names: str) -> Callable[[Artifact], Figures | None]:
 
 
 def mean(array: str) -> Callable[[Artifact], Figures | None]:
-    """Average an array of an artifact; None if it is empty."""
+    """Average an array of an artifact but for NaN; None if there is nothing else."""
 
     def read(artifact: Artifact) -> Figures | None:
         values = artifact.read(array)
-        return {"value": values.mean()} if len(values) else None
+        return {"value": np.nanmean(values)} if not np.isnan(values).all() else None
 
     return read
 

@@ -15,6 +15,7 @@ from egosplat.geometry import known_poses
 from egosplat.progress import log, track
 from egosplat.query.answers import Answer
 from egosplat.query.finished_scene import Scene
+from egosplat.query.grades import Grading
 
 
 def export_rerun(scene: Scene, output: Path, query: str | None) -> None:
@@ -35,18 +36,19 @@ def export_rerun(scene: Scene, output: Path, query: str | None) -> None:
         stream.log("world/gaussians", _points(rr, scene.gaussians.to(torch.device("cpu"))), static=True)
         frames = _log_frames(rr, stream, scene)
         for answer in answers:
-            stream.log(f"world/answers/{answer.asked}", _boxes(rr, answer), static=True)
+            stream.log(f"world/answers/{answer.asked}", _boxes(rr, answer, scene.grading()), static=True)
             log(f"{answer.asked}: {answer.refusal or f'{len(answer.things)} boxes'}")
         # What is left is written before the file gets its name.
         stream.disconnect()
     log(f"{output}: {frames} frames, {len(answers)} answers")
 
 
-def _boxes(rr: Any, answer: Answer) -> Any:
+def _boxes(rr: Any, answer: Answer, grading: Grading) -> Any:
+    about = f"{answer.asked}, {answer.grade}, {grading.measure}"
     return rr.Boxes3D(
         centers=[thing.center for thing in answer.things],
         sizes=[thing.size for thing in answer.things],
-        labels=[f"{answer.asked} {thing.rating:.2f}" for thing in answer.things],
+        labels=[f"{about} {grading.shown(thing.rating)}" for thing in answer.things],
     )
 
 

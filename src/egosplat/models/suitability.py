@@ -19,7 +19,7 @@ def notice(origin: str, checkpoints: Mapping[str, str]) -> str | None:
     if origin != "real":
         return None
     if checkpoints.get(CLIP.checkpoint_key) == PHOTOS:
-        return f"models.set photos knows ImageNet's 1,000 classes, few in dark pictures; its SAM2 was {BRIEF}. {_FETCH}"
+        return f"the set photos knows ImageNet's 1,000 classes, few in dark pictures; its SAM2 was {BRIEF}. {_FETCH}"
     small = [f"models.{key}" for key, value in sorted(checkpoints.items()) if value in (SMALL, PHOTOS)]
     told = f"the small checkpoints ({', '.join(small)}) were {BRIEF}: results on a real recording"
     return f"{told} are unreliable. {_FETCH}" if small else None

@@ -24,8 +24,6 @@ MOST_DRAWN = 8
 # Longer side [px] of the relevancy and the mask in the picture of a scene query, and height of an image there [inches].
 DRAWN_SIDE, CELL = 256, 4.0
 
-_ABSENT = "-"
-
 # An answer with its match in a view, the view's name if each answer has its own, and its (H, W, 3) picture in [0, 1].
 DrawnAnswer = tuple[Answer, str, NDArray | None]
 
@@ -135,8 +133,8 @@ def answer_rows(answer: Answer, grading: Grading) -> list[tuple[str, ...]]:
         return [(repr(answer.question.typed)[:40], answer.refusal or "")]
     if moving := answer.moving:
         told = f"{moving.told}  frame {moving.frame}"
-        rated = _ABSENT if moving.rating is None else grading.shown(moving.rating)
-        return [(answer.asked, answer.grade, rated, _ABSENT, told)]
+        rated = "-" if moving.rating is None else grading.shown(moving.rating)
+        return [(answer.asked, answer.grade, rated, "-", told)]
     if reason := _refusal(answer):
         graded = answer.rating > 0 and not answer.untaught
         return [(answer.asked, f"{reason} ({grading.measure} {shown})" if graded else reason)]
@@ -193,7 +191,7 @@ def _sentence(answer: Answer, unit: str, output: Path) -> list[str]:
 def show_point(point: Array | None) -> str:
     """A place in a table; a dash if it is not known."""
     if point is None or not np.isfinite(point).all():
-        return _ABSENT
+        return "-"
     return ", ".join(f"{one:.2f}" for one in point)
 
 
@@ -214,7 +212,7 @@ def _render_thing(scene: Scene, answer: Answer) -> DrawnAnswer:
 def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:
     """Draw a page as PNG, atomically: for each of some answers the location, the relevancy and the mask in the rendered view."""
     # Here, because matplotlib takes as long to import as a query to answer.
-    from egosplat.drawing import draw_heat, draw_mask, hide_axes, plt, save_figure
+    from egosplat.drawing import HEADING_WIDTH, draw_heat, draw_mask, hide_axes, plt, save_figure, wrap_text
 
     shapes = [picture.shape for _, _, picture in answers if picture is not None]
     height, width = shapes[0][:2] if shapes else (1, 1)
@@ -232,7 +230,7 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
             caption = f'"{answer.asked}": {_refusal(answer)}'
             # Outside of the layout: otherwise the first column becomes as wide as the text.
             how = {"transform": place.transAxes, "clip_on": False, "in_layout": False}
-            place.text(0.0, 0.5, caption, fontsize=10, **how)
+            wrap_text(place.text(0.0, 0.5, caption, fontsize=10, **how), HEADING_WIDTH * figure.bbox.width)
             continue
         place.set_title(f'"{answer.asked}": {answer.grade}{where and f", {where}"}', fontsize=10)
         place.imshow(picture)

@@ -51,7 +51,7 @@ class Alike(Thing):
     """A thing of a scene that may be what a picture shows; its score is the mean cosine of its best views with the picture.
 
     Attributes:
-        members, center, size: as of any thing, of an instance; none and NaN of what moves.
+        members, center, size: as of any thing, of an instance, by the Gaussians of instances.zarr; none and NaN of what moves.
         instance: its number in instances.zarr.
         frame, box: the view most like the picture, and x0, y0, x1, y1 around the thing there, the ends exclusive [px].
         last_s: when it was seen last, by training frames [s since the first frame].

@@ -144,7 +144,7 @@ def test_masks_that_were_withheld_say_why(tmp_path):
 
 
 def test_frames_without_a_pose_have_no_correction(tmp_path):
-    arrays = dict(SUSPICIOUS["splats"][0], **{"held_out/psnr": np.array([30.0])})
+    arrays = dict(SUSPICIOUS["splats"][0], **{"held_out/psnr": np.array([30.0, np.nan])})
     arrays["corrections/shift"] = np.array([[np.nan] * 3, [0.0, 0.11, 0.0]])
     arrays["corrections/gain"] = np.array([[np.nan] * 3, [1.0, 1.0, 1.0]])
     (alarm,) = alarms_of(written(tmp_path, "splats", arrays, {"scene_depth": 2.0}))

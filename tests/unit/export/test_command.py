@@ -70,7 +70,7 @@ def test_rerun_reads_its_recording(page_scene, export, tmp_path):
     assert len(rows["/world/camera/picture"]) == len(rows["/world/camera/instances"]) == len(POSED)
     names = ("gaussians", "answers/couch", "answers/elephant")
     (points,), (couch,), (elephant,) = (rows[f"/world/{name}"] for name in names)
-    assert 0 < len(points["Points3D:positions"]) <= 700
+    assert 0 < len(points["Points3D:positions"]) <= 700 and "found, probability" in couch["Boxes3D:labels"][0]
     assert couch["Boxes3D:centers"][0][0] < -0.3 and not elephant["Boxes3D:centers"]
 
 

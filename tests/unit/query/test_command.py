@@ -243,18 +243,18 @@ def test_unanswerable_queries_are_reported(word_scene, query, words, said):
 
 
 def test_a_long_refusal_does_not_widen_a_column(tmp_path):
-    """The three pictures of a row are equally wide, whatever is written below."""
+    """The three pictures of a row are equally wide, whatever is written below, and nothing of that is cut off."""
     gray, nothing = np.full((40, 40, 3), 0.5, np.float32), np.zeros((40, 40), np.float32)
     view = ViewMatch("cup", 0.9, "whole", (20, 20), None, nothing, "whole", nothing == 0)
     cup = Answer("cup", "found", 0.9, view=view), "", gray
-    refused = Answer("zeppelin", "not found", 0.2, refusal="not found: " + "a long reason " * 6), "", None
+    refused = Answer("zeppelin", "not found", 0.2, refusal="not found: " + "a long reason " * 12), "", None
     command.draw_answers([cup, refused], "a scene", tmp_path / "page.png")
     page = np.asarray(Image.open(tmp_path / "page.png").convert("L")).astype(int)
     # The row of pixels with the most ink crosses the pictures.
     inked = (page < 250)[(page < 250).sum(axis=1).argmax()]
     edges = np.flatnonzero(np.diff(np.r_[0, inked.astype(int), 0]))
     widths = np.sort(edges[1::2] - edges[::2])[-3:]
-    assert widths.min() > 0.95 * widths.max() > 0.2 * page.shape[1]
+    assert widths.min() > 0.95 * widths.max() > 0.2 * page.shape[1] and page[:, -1].min() > 250
 
 
 def test_what_is_carried_and_does_not_stand_so_is_told_so():

@@ -307,8 +307,10 @@ function readName(facts, phrase) {
 async function answerAlone(scene, tower, neighbors, typed) {
   if (!/[\p{L}\p{N}]/u.test(typed)) return [refused(typed, "The query has no word.")];
   if (typed.length > LONGEST) return [refused(typed, "too long: shorten it")];
-  const answers = [];
-  for (const question of readQuestions(scene.facts, typed)) {
+  const answers = [], every = readQuestions(scene.facts, typed);
+  // Each once.
+  const isFirst = ({ name, stand }, row) => row === every.findIndex((one) => one.name === name && one.stand === stand);
+  for (const question of every.filter(isFirst)) {
     if (question.relation) {
       const asked = [question.name || "what", question.stand].join(" ");
       answers.push(refused(asked, `not asked: this file has no relations. Ask by ${command(scene, asked)}`));

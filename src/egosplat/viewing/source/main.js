@@ -481,8 +481,8 @@ class Page {
     // Scores of models that nobody has calibrated tell what is closest, not what fits.
     const { calibration, found: sure, guess, min_score } = facts.query, least = calibration || sure === guess ? min_score : Infinity;
     const fitting = words.filter((word) => word.score >= least).slice(0, 3);
-    const closest = words.length ? `. The closest is ${named(words[0])}` : "";
-    $("place").textContent = fitting.length ? fitting.map(named).join(", ") : `No word of the list fits${closest}.`;
+    const closest = words.length ? `${least < Infinity ? "No word of the list fits. " : ""}The closest word is ${named(words[0])}.` : "No word of the list fits.";
+    $("place").textContent = fitting.length ? fitting.map(named).join(", ") : closest;
     const at = instances?.map((number, level) => (number === null ? null : `${facts.levels[level]} ${number}`)).filter(Boolean);
     const instance = at?.length ? `; instances ${at.join(", ")}` : "";
     $("place").append(element("small", `at ${place(point)} ${facts.unit}${instance}`));
@@ -558,6 +558,7 @@ class Page {
     const { facts } = this.scene, frame = facts.frames[row];
     $("frame").value = String(row);
     $("clock").textContent = `${facts.seconds[row].toFixed(1)} s, frame ${frame}`;
+    $("frame").setAttribute("aria-valuetext", $("clock").textContent);
     this.followHistory();
     this.followRests(facts.seconds[row]);
     const nearest = facts.pictures.reduce((best, one, place) => (Math.abs(one.frame - frame) < Math.abs(facts.pictures[best].frame - frame) ? place : best), 0);
@@ -572,7 +573,7 @@ class Page {
     const { seconds } = this.scene.facts, last = seconds.length - 1;
     const row = Number($("frame").value), from = row < last ? row : 0, begun = performance.now();
     const mine = (this.playing = {});
-    $("play").textContent = "\u275a\u275a";
+    this.offer("\u275a\u275a", "Pause");
     while (this.playing === mine) {
       const now = seconds[from] + (performance.now() - begun) / 1000;
       const next = seconds.findIndex((time) => time > now);
@@ -585,7 +586,13 @@ class Page {
 
   stop() {
     this.playing = null;
-    $("play").textContent = "\u25b6";
+    this.offer("\u25b6", "Play the recording");
+  }
+
+  // What the button beside the slider does next.
+  offer(sign, told) {
+    $("play").textContent = sign;
+    $("play").setAttribute("aria-label", told);
   }
 }
 
