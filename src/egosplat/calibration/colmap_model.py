@@ -122,7 +122,7 @@ def _check_whole(path: Path) -> None:
                 position += 51 + 8 * struct.unpack_from("<Q", content, position + 43)[0]
             else:
                 position = next_image(content, position)[1]
-    except (struct.error, ValueError):
+    except (struct.error, ValueError, OverflowError):
         position = -1
     if position != len(content):
         raise UserError(f"{path}: damaged or incomplete ({len(content)} bytes). Copy it again.")
