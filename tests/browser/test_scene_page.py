@@ -143,9 +143,7 @@ def test_what_rests_is_drawn_at_its_time(scene_in_time):
     assert [reds(row) for row in range(4)] == [[True, False], [True, False], [False, False], [False, True]]
     answer = page.evaluate(ASK, "cup")
     assert answer["things"] and reds() == [False, False], "what is not asked for is gray"
-    assert page.evaluate(BAR) == pytest.approx(100 / 3, abs=0.01)
-    told = page.evaluate("egosplat.history.history.map(({ from, until }) => [from, until])")
-    assert told == [[0.1, 0.4]]
+    assert page.evaluate("egosplat.history.history.map(({ from, until }) => [from, until])") == [[0.1, 0.4]]
     page.evaluate("egosplat.clear()")
     assert reds() == [False, True] and page.errors == []
 
@@ -186,8 +184,8 @@ def test_an_answer_is_that_of_python(scene, page_scene, data, clip, words):
     fitting = [pair for pair in graded if grading.grade(pair[1]) == found["grade"] != "not found"]
     for mine, (other, rating) in zip(found["things"], fitting, strict=True):
         assert mine["rating"] == pytest.approx(rating, abs=1e-3)
-        assert facts["levels"][mine["level"]] == other.level and mine["count"] == len(other.members)
-        assert mine["frame"] == other.frame
+        assert facts["levels"][mine["level"]] == other.level
+        assert (mine["count"], mine["frame"]) == (len(other.members), other.frame)
         np.testing.assert_allclose(mine["center"], other.center, atol=1e-3)
         np.testing.assert_allclose(mine["size"], other.size, atol=1e-3)
 
@@ -219,8 +217,7 @@ def test_the_list_of_what_is_here_goes_to_each_thing_and_tells_what_is_carried(s
     page = scene_in_time().page
     assert page.inner_text("#inventory summary") == "What is here (4)"
     page.click("#inventory summary")
-    names = page.locator("#catalog b").all_inner_texts()
-    assert names == ["cup", "wall", "couch", "cup"]
+    assert page.locator("#catalog b").all_inner_texts() == ["cup", "wall", "couch", "cup"]
     page.locator("#catalog button").nth(0).click()
     page.locator("#mark span", has_text=re.compile(r"^cup")).wait_for()
     assert page.inner_text("#answer") == "cup" and not page.locator("#heat").is_visible()
@@ -344,6 +341,9 @@ def test_the_view_follows_slider_keys_wheel_and_drags(scene, touch):
         page.touchscreen.tap(195, 150)
         assert page.inner_text("#place").startswith("couch")
     page.focus("#view")
+    page.keyboard.press("Enter")
+    page.keyboard.press("Shift+ArrowRight")
+    assert page.inner_text("#place")[:5] == "couch" and page.evaluate("egosplat.camera.forward[0]") > 0.05
     page.keyboard.press("ArrowUp")
     for act, key in (("down", "KeyW"), ("down", "Control"), ("up", "KeyW"), ("up", "Control")):
         getattr(page.keyboard, act)(key)

@@ -1,7 +1,7 @@
 // Mouse, touch and keyboard on the picture.
 
-// Pixels that a pointer may move in a click, and the angle of a drag across the whole window.
-const STILL = 5, SWEEP = 2.2;
+// Pixels that a pointer may move in a click, and the angles of a drag across the whole window, and of a key.
+const STILL = 5, SWEEP = 2.2, TURN = 0.08;
 
 class Controls {
   // on: { turn(right, down), shift(right, down), advance(share), step(right, up, forward), click(x, y), rest() }
@@ -72,10 +72,15 @@ class Controls {
     };
     // A key that is let go moves no more, whatever is held with it by then.
     if (!pressed && this.keys.delete(event.code) && !this.keys.size) this.on.rest();
+    if (pressed && event.code === "Enter") this.on.click(this.canvas.clientWidth / 2, this.canvas.clientHeight / 2);
     if (!pressed || !(event.code in steps) || event.ctrlKey || event.metaKey || event.altKey) return;
     event.preventDefault();
     this.keys.add(event.code);
     // The system repeats a key that is held.
-    for (const code of this.keys) this.on.step(...steps[code]);
+    for (const code of this.keys) {
+      const [right, up, forward] = steps[code];
+      if (event.shiftKey && code.startsWith("Arrow")) this.on.grasp(), this.on.turn(-TURN * right, TURN * forward);
+      else this.on.step(right, up, forward);
+    }
   }
 }
