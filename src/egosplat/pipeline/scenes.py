@@ -32,8 +32,8 @@ def _is_path(text: str) -> bool:
     return bool(plain) and all(len(os.fsencode(part)) <= 255 for part in Path(text).parts)
 
 
-_LETTERS = "only small letters, digits and _, and not benchmark, of all scenes"
-_DATASET = check_with(re.compile("(?!benchmark$)[a-z0-9_]+").fullmatch, _LETTERS)
+_LETTERS = "only small letters, digits and _, and not benchmark or variants, folders of other results"
+_DATASET = check_with(re.compile("(?!(?:benchmark|variants)$)[a-z0-9_]+").fullmatch, _LETTERS)
 _NAME = check_with(re.compile("[A-Za-z0-9_-]+").fullmatch, "only letters, digits, _ and -")
 _PATH = check_with(_is_path, "a path, no URL; no braces, control characters, outer blanks, 255 bytes a name")
 

@@ -122,8 +122,8 @@ def run_snakemake(words: Sequence[str]) -> int:
 
 def split_name(name: str) -> tuple[str, str]:
     """Split ``dataset/scene``; a name without a dataset is one of ``mine`` (UserError: it has another form)."""
-    if (found := re.fullmatch(r"(?:(?!benchmark/)([a-z0-9_]+)/)?([A-Za-z0-9_-]+)", name)) is None:
-        letters = "dataset of small letters, digits and _, not benchmark; scene of letters, digits, _ and -"
+    if (found := re.fullmatch(r"(?:(?!benchmark/|variants/)([a-z0-9_]+)/)?([A-Za-z0-9_-]+)", name)) is None:
+        letters = "dataset of a-z, 0-9 and _, not benchmark or variants; scene of letters, digits, _ and -"
         raise UserError(f"--name {name}: is no dataset/scene, as in mine/kitchen_2: {letters}")
     return found[1] or "mine", found[2]
 

@@ -221,7 +221,7 @@ def test_another_recording_of_the_name_is_refused_unless_the_first_is_gone(put, 
 @pytest.mark.parametrize(
     "name, options, said",
     [
-        *((name, "", "--name") for name in ("Mine/kitchen", "benchmark/kitchen", "a/b/c", "mine/")),
+        *((name, "", "--name") for name in ("Mine/kitchen", "benchmark/k", "variants/k", "a/b/c", "mine/")),
         *((name, "", "--name") for name in ("mine/my kitchen", "../../kitchen")),
         ("k" * 101, "", "scene"),
         ("kitchen", "frames.strid=3", "frames.strid"),
