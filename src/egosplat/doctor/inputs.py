@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from egosplat.doctor.findings import Finding, Mark, machine_findings, tried
-from egosplat.errors import UserError, without_secrets
+from egosplat.errors import UserError, user_message, without_secrets
 from egosplat.files import expand_home
 from egosplat.models.checkpoints import CLIP, SAM2, ModelSpec, find_checkpoint, how_to_fetch, model_hash
 from egosplat.models.suitability import configured_checkpoints, notice
@@ -29,8 +29,9 @@ def examine(files: Sequence[Path], options: Sequence[str]) -> list[Finding]:
     findings += [*machine_findings(config), *_models(config)]
     try:
         scenes = [scene for scene in read_scenes(config).values() if not scene.by_name]
-    except UserError as error:
-        return [*findings, Finding(Mark.MISSING, "scenes", str(error))]
+        _ = [scene.lacks_recording for scene in scenes]  # which the system may refuse to tell
+    except (UserError, OSError) as error:
+        return [*findings, Finding(Mark.MISSING, "scenes", user_message(error) or str(error))]
     # Another OpenCLIP than the configuration's, such as the words for photographs.
     known = {config["models"]["clip_checkpoint"]}
     for scene in scenes:

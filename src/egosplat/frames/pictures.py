@@ -3,7 +3,7 @@
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, reduce
 from pathlib import Path
 
 import numpy as np
@@ -234,15 +234,15 @@ def _shared_mask(pictures: Pictures) -> tuple[Bools, Callable[[int], Bools] | No
     if not pictures.any_masked:
         return pictures.shown(0), None
     masks = track(map(pictures.shown, range(count)), "reading masks", total=count)
-    shown = np.stack([np.packbits(mask, axis=1) for mask in masks])
+    shown = [np.packbits(mask, axis=1) for mask in masks]
     # What no frame shows is the picture's own border; the rest are pixels of single frames.
-    valid = np.bitwise_or.reduce(shown)
+    valid = reduce(np.bitwise_or, shown)
     if not valid.any():
         shows = "White shows the scene (mask_path, valid.png); in dynamic_mask_*.png black does"
         raise UserError(f"{pictures.source.path}: masks leave no pixel of any picture. {shows}.")
-    left_out = valid & ~shown
 
     def unpacked(bits: Bytes) -> Bools:
         return np.unpackbits(bits, axis=1, count=pictures.size[0]).astype(bool)
 
-    return unpacked(valid), (lambda index: unpacked(left_out[index])) if left_out.any() else None
+    differ = any((bits != valid).any() for bits in shown)
+    return unpacked(valid), (lambda index: unpacked(valid & ~shown[index])) if differ else None

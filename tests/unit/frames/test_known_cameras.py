@@ -2,7 +2,10 @@
 
 import json
 import subprocess
+import tracemalloc
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pycolmap
@@ -191,6 +194,16 @@ def test_masks_of_frames_are_read(folder, suffix):
     assert not frames.row("rgb", 1)[~valid].any()
     masking = open_masking("none", frames, {})
     np.testing.assert_array_equal(masking.frames(np.array([3, 1]))[1].numpy(), valid & ~shown[1])
+
+
+def test_masks_are_held_packed_and_once():
+    mask = np.arange(400 * 800).reshape(400, 800) % 7 > 0
+    source = SimpleNamespace(pictures=range(200), path=None)
+    shown = {"any_masked": True, "source": source, "size": (800, 400), "shown": partial(np.roll, mask)}
+    tracemalloc.start()
+    pictures._shared_mask(SimpleNamespace(**shown))
+    assert tracemalloc.get_traced_memory()[1] < 1.5 * 200 * mask.size / 8
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("known", [False, True])

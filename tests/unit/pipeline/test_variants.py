@@ -153,13 +153,8 @@ def test_presets_that_suit_the_models_are_variants_but_for_names_of_the_configur
 
 def test_presets_leave_recording_models_and_questions_to_the_scene():
     frames = {"resolution": 300, "stride": 3, "start_s": 2.0, "evaluation_frames": 5}
-    own = {
-        "query": {"readout": "pixels"},
-        "frames": frames,
-        "instances": {"iterations": 7},
-        "models": {"clip_model": "mine"},
-    }
-    base = resolve(own, PRESETS)
+    own = {"frames": frames, "query": {"readout": "pixels"}, "instances": {"iterations": 7}}
+    base = resolve(own | {"models": {"clip_model": "mine"}}, PRESETS)
     config = with_presets(base, PRESETS, "adt")
     draft, paper = (variant_config(config, name, "adt/scene1") for name in ("draft", "paper_scaled"))
     for found in (draft, paper):
