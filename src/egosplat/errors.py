@@ -121,7 +121,8 @@ def _memory_advice() -> str:
 
 
 def _os_message(error: OSError) -> str | None:
-    if error.errno in NO_ROOM:
+    # Python's tempfile, too, finds no room, and names no file.
+    if error.errno in NO_ROOM or (error.strerror or "").startswith("No usable temporary directory"):
         what = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
         return f"{what}. {MAKE_ROOM}"
     # An error without a number or a file comes from a library, not from the system.

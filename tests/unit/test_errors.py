@@ -81,6 +81,7 @@ def system(number: int, *file: str) -> OSError:
         *((system(number, "a"), "system", "a: ") for number in (errno.EMFILE, errno.EIO, errno.ESTALE)),
         (system(errno.ENOSPC, "a"), "", "a: No space left on device. Make room"),
         (system(errno.ENOSPC), "", "No space left on device. Make room"),
+        (OSError(2, "No usable temporary directory"), "", "No usable temporary directory. Make room"),
         # Of content that cannot be read.
         *((system(number, "a"), "", "a: ") for number in (errno.ENOENT, errno.ENOTDIR)),
         # Errors of the program keep their traceback.
@@ -100,8 +101,7 @@ def test_errors_of_users_and_the_system_are_told_and_those_of_the_program_are_no
 @pytest.mark.parametrize(
     "status, limit, told",
     [
-        (137, "unlimited", "killed, most likely for lack of memory"),
-        (137, "4000000", "killed, most likely for lack of memory"),
+        *((137, limit, "killed, most likely for lack of memory") for limit in ("unlimited", "4000000")),
         (139, "4000000", "crashed, most likely because ulimit -v allows 4000000 KiB"),
         (134, "4000000", "crashed, most likely because ulimit -v allows 4000000 KiB"),
         (139, "unlimited", ""),  # a defect, which no advice should hide
