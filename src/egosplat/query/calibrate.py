@@ -89,7 +89,7 @@ def read_labels(path: Path) -> dict[str, str]:
         raise UserError(f"{path}: {wrong}")
     for cells in filter(None, lines):
         phrase, label = cells if len(cells) == len(COLUMNS) else ("", "")
-        if label not in KINDS or found.setdefault(phrase, label) != label:
+        if label not in KINDS or not phrase.strip() or found.setdefault(phrase, label) != label:
             what = f"is no phrase with one of {', '.join(KINDS)}, or has another one above"
             raise UserError(f"{path}: line {lines.line_num}, {','.join(cells)[:80]!r}, {what}")
     return found

@@ -147,7 +147,7 @@ class Looks:
             answer, *more = self.scene.ask(thing, most=1)
             if more or not answer.things:
                 why = f"asks for {1 + len(more)} things" if more else answer.refusal
-                raise UserError(f"{thing!r}: {why}; give a place that an answer prints")
+                raise UserError(f"{thing!r}: {why}\nGive a place that an answer prints, or another word")
             center = answer.things[0].center
         every = (self.thing(number)[0] for number in np.unique(self.instance).tolist())
         solid = [one for one in every if len(one.members)]
@@ -183,9 +183,8 @@ def give_name(scene: Scene, thing: str | int, name: str) -> Alike:
         raise UserError("name: is blank; give one or more words")
     looks, path = Looks(scene), scene.folder / NAMES
     named, kept = looks.thing(thing if isinstance(thing, int) else looks.named(thing).instance)
-    entry = {"clip": scene.encoded.facts["clip"]["hash"], "center": named.center.round(3).tolist()}
-    names = read_names(path) | {key: entry | {"features": kept.round(4).tolist()}}
-    write_text(path, json.dumps(names))
+    entry = {"clip": scene.encoded.facts["clip"]["hash"], "features": kept.round(4).tolist()}
+    write_text(path, json.dumps(read_names(path) | {key: entry}))
     return named
 
 
@@ -194,7 +193,7 @@ def read_names(path: Path) -> dict[str, Any]:
     path = path / NAMES if path.is_dir() else path
     try:
         names = read_json(path) if path.name != NAMES or path.exists() else {}
-        return {name: {"clip": str(one["clip"]), **one} for name, one in names.items()}
+        return {name: {key: one[key] for key in ("clip", "features")} for name, one in names.items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         raise UserError(f"{path}: is no file of names ({error}); give the folder of a scene") from None
 

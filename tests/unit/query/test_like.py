@@ -79,14 +79,15 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
         (["query", "my mug", "--names", "old.json"], "'my mug': was named with another OpenCLIP"),
         (["name", "cup", " "], "name: is blank"),
         (["name", "9,9,9", "mug"], "9,9,9: no thing is there"),
-        (["name", "spaceship", "mug"], "give a place"),
-        (["name", "couch and cup", "mug"], "asks for 2 things; give a place"),
-        (["name", "1.2.3,0,0", "mug"], "asks for 2 things; give a place"),
+        (["query", "my mug", "--names", "lacking.json"], "lacking.json: is no file of names ('features')"),
+        (["name", "spaceship", "mug"], '"spaceship".\nGive a place'),
+        (["name", "1.2.3,0,0", "mug"], "asks for 2 things\nGive a place"),
     ],
 )
 def test_a_user_s_mistake_is_told(scene, run_command, folder, words, told):
     Image.new("RGB", (8, 90)).save("small.png")
     Path("text.png").write_text("no picture")
+    Path("lacking.json").write_text('{"my mug": {"clip": "old"}}')
     Path("old.json").write_text(json.dumps({"my mug": {"clip": "old", "features": []}}))
     status, _, err = run_command(words[0], scene, *words[1:])
     assert status == 2 and told in err and "Traceback" not in err

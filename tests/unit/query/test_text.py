@@ -9,12 +9,11 @@ from egosplat.errors import UserError
 from egosplat.query.text import clean_phrase, encode_phrases, explain_untaught, untaught_words
 
 
-def test_phrases_have_directions_of_their_own(clip):
+def test_phrases_as_they_are_have_directions_of_their_own(clip):
     features = encode_phrases(clip, ("couch", "step stool", "couch"))
     assert features.shape[0] == 3 and features.dtype == torch.float32
     torch.testing.assert_close(features[0], features[2])
     assert features[0] @ features[1] < 0.99
-    # The words are taken as they are.
     with clip.compute.inference():
         raw = torch.nn.functional.normalize(clip.model.encode_text(clip.tokenizer(["step stool"])).float())
     torch.testing.assert_close(features[1:2], raw, rtol=1e-5, atol=1e-6)
