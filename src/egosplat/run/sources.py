@@ -6,6 +6,7 @@ import re
 import zipfile
 import zlib
 from collections.abc import Mapping
+from lzma import LZMAError
 from pathlib import Path
 from typing import NamedTuple
 
@@ -41,8 +42,8 @@ _VIDEOS = (
 # How many times its size an archive of pictures cannot hold: a bomb does. Texts hold ten times theirs.
 _MOST_PACKED = 100
 
-# Of a damaged archive, an encrypted one, one with another compression, and one with a file in a file.
-_FAULTS = (zipfile.BadZipFile, zlib.error, EOFError, RuntimeError, NotImplementedError, NotADirectoryError)
+# Of a damaged archive, an encrypted one, one with another compression or coding of names, and one with a file in a file.
+_FAULTS = (zipfile.BadZipFile, zlib.error, LZMAError, EOFError, RuntimeError, ValueError, NotADirectoryError)
 
 
 class Source(NamedTuple):
@@ -170,8 +171,7 @@ def unpack(archive: Path, beside: Path) -> Path:
                     for entry in opened.infolist():
                         _extract(opened, entry, scratch)
     except _FAULTS as error:
-        told = f"{archive}: cannot be unpacked ({error}); copy it again, or pack it anew"
-        raise UserError(told) from error
+        raise UserError(f"{archive}: cannot be unpacked ({error}); copy it again, or pack it anew") from error
     return folder
 
 

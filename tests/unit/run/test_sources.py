@@ -53,7 +53,7 @@ def zipped(*names: str, content: bytes = b"x") -> bytes:
     [
         ("gone.mp4", None, b"", "gone.mp4: does not exist"),
         ("https://me:secret@a.org/c.mp4", None, b"", "https:/...@a.org/c.mp4: is a URL"),
-        ("empty", None, b"", "empty: has no png, jpg or jpeg image"),
+        ("empty", "empty/notes.txt", b"x", "empty: has no png, jpg or jpeg image"),
         ("photos", "photos/a.heic", b"x", "1 .heic"),
         ("videos", "videos/a.mov", b"x", "give one of them, such as"),
         ("videos", "videos/._a.mov", b"x", "videos: has no png, jpg or jpeg image"),
@@ -67,6 +67,7 @@ def zipped(*names: str, content: bytes = b"x") -> bytes:
         ("my.vrs", "my.vrs", b"x", "video.vrs or recording.vrs"),
         ("video.vrs", "video.vrs", b"x", "mps/slam/closed_loop_trajectory.csv: does not exist"),
         ("a.zip", "a.zip", b"PK not an archive", "a.zip: cannot be unpacked"),
+        ("a.zip", "a.zip", zipped("é.png").replace(b"\xc3", b"\xff"), "a.zip: cannot be unpacked"),
         ("a.zip", "a.zip", zipped("../../evil.png"), "evil.png: "),
         ("a.zip", "a.zip", zipped("notes.txt"), "has no png, jpg or jpeg image"),
         ("a.zip", "a.zip", zipped("a/0.png", "..\\a\\0.png"), "holds a/0.png twice"),
@@ -76,7 +77,6 @@ def zipped(*names: str, content: bytes = b"x") -> bytes:
     ],
 )
 def test_what_is_no_recording_is_named(tmp_path, folder, given, file, content, said):
-    Path("empty").mkdir()
     write_pictures(Path("DCIM/101"))
     if file:
         Path(file).parent.mkdir(parents=True, exist_ok=True)
