@@ -80,7 +80,7 @@ class Grading:
 
     def refusal(self, value: float) -> str | None:
         """Why an answer is not found; None if it is found or a best guess."""
-        return self.below.format(value) if self.grade(value) == NOT_FOUND else None
+        return self.below.format(self.shown(value)) if self.grade(value) == NOT_FOUND else None
 
 
 def by_probability(fit: Calibration) -> Grading:

@@ -30,7 +30,7 @@ from egosplat.query.text import clean_phrase
 from egosplat.query.things import EXTENT, SAME
 
 # Grades of the things that are like a picture (benchmarks/visual_queries).
-_UNLIKE = "not found: no thing here looks like it (the most alike has a similarity of {:.2f})"
+_UNLIKE = "not found: no thing here looks like it (the most alike has a similarity of {})"
 SIMILARITY = Grading("similarity", 0.9, 0.86, "", _UNLIKE)
 
 # What is in the middle of a picture, by these shares of its sides, is compared, too: it may show more than its thing.
@@ -248,7 +248,7 @@ def _rows(answer: Answer, things: Sequence[Alike]) -> list[tuple[str, ...]]:
         size = show_size(one.size) if len(one.members) else "moves"
         told = show_point(one.center), size, str(one.frame), clock(one.last_s)
         name, ahead = ("", "") if rows else (answer.phrase, lead)
-        rows.append((name, answer.grade, f"{one.score:.2f}", ahead, *told))
+        rows.append((name, answer.grade, SIMILARITY.shown(one.score), ahead, *told))
     return rows
 
 

@@ -45,6 +45,7 @@ def test_of_what_overlaps_the_most_alike_is_told(scene):
     looks.instance[2:4] = 5
     assert sorted(one.instance for one in looks.find(asked, 8)) == [0, 2]
     assert [one.instance for one in looks.find(looks.feature[2:3], 1)] == [5]
+    assert "similarity of 0.85)" in like.SIMILARITY.refusal(0.8599), "a best guess begins at 0.86"
 
 
 def test_crops_of_frames_on_their_side_are_turned_and_only_what_is_told_is_measured(scene, monkeypatch):

@@ -52,14 +52,12 @@ def test_a_fit_holds_for_its_openclip_and_its_keys_alone_and_the_bundled_ones_ha
         assert grades.grading_of("cafe", options) == by_score(options.min_score), key
 
 
-RIVALS = {"side table": "bed couch cushion desk", "table": "bed couch cushion", "couch": "bed desk table"}
-
-
 def test_hypernyms_kinds_parts_and_synonyms_are_no_rivals():
     words = ("bed", "couch", "cushion", "desk", "table")
+    rivals = {"side table": "bed couch cushion desk", "table": "bed couch cushion", "couch": "bed desk table"}
     queries = torch.eye(6)
     queries[3, 3:5] = torch.tensor([0.6, 0.8])  # a desk is called a table
-    for phrase, others in (RIVALS | {"stable": " ".join(words)}).items():
+    for phrase, others in (rivals | {"stable": " ".join(words)}).items():
         own = queries[words.index(phrase)] if phrase in words else torch.eye(6)[5]
         found = other_meanings(Texts((phrase,), own[None], own[None]), Texts(words, queries[:5], own[None]))
         assert [word for word, other in zip(words, found, strict=True) if other] == others.split(), phrase
