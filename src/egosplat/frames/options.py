@@ -12,8 +12,8 @@ class FramesOptions(Options):
 
     resolution: Annotated[int, Field(ge=32, le=8192)] = 512
     """Frame size in pixels: the side of the square (Aria), the width (HOI4D) or the longer side (plain). A smaller
-    plain recording keeps its own size; others must not be smaller. The paper uses 1408 for ADT. Time and memory of
-    all later stages grow with its square."""
+    plain recording keeps its own size, a smaller HOI4D one is an error, and a smaller Aria one is enlarged. The paper
+    uses 1408 for ADT. Time and memory of all later stages grow with its square."""
 
     upright: bool = True
     """Rotate Aria frames upright, by the angle in the device's calibration: 90 degrees for gen1, whose sensor is
