@@ -129,12 +129,12 @@ def query(
 def name(folder: Path, thing: str, name: str, options: AskingOptions) -> None:
     """Give THING of the scene of FOLDER the NAME "my mug". THING: a word that finds it, or its place, as 0.1,2,-1."""
     check_scene_folder(folder, ASKED)
+    from egosplat.query.command import show_point
     from egosplat.query.finished_scene import open_scene
     from egosplat.query.like import give_name
 
-    name = " ".join(name.split())
-    named = give_name(open_scene(folder, options), thing, name)
-    place = ", ".join(f"{one:.2f}" for one in named.center)
+    name, scene = " ".join(name.split()), open_scene(folder, options)
+    place = f"{show_point(give_name(scene, thing, name).center)} {scene.unit}"
     click.echo(f'The thing at {place} is "{name}": {shlex.join(["egosplat", "query", str(folder), name])}')
 
 

@@ -195,7 +195,8 @@ def read_names(path: Path) -> dict[str, Any]:
         names = read_json(path) if path.name != NAMES or path.exists() else {}
         return {name: {key: one[key] for key in ("clip", "features")} for name, one in names.items()}
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        raise UserError(f"{path}: is no file of names ({error}); give the folder of a scene") from None
+        advice = "remove it" if path.name == NAMES else "give the folder of a scene"
+        raise UserError(f"{path}: is no file of names ({error}); {advice}") from None
 
 
 def run(

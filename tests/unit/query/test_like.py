@@ -59,7 +59,7 @@ def test_crops_of_frames_on_their_side_are_turned_and_only_what_is_told_is_measu
 
 def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_command, tmp_path):
     other = Path(shutil.copytree(scene, tmp_path / "results/adt/other"))
-    assert run_command("name", scene, "cup", " My  Mug")[0] == 0
+    assert ' m is "My Mug": egosplat query' in run_command("name", scene, "cup", " My  Mug")[1]
     assert run_command("name", scene, "-1.0,0,2", "sofa")[0] == 0
     assert list(json.loads((scene / "names.json").read_text())) == ["my mug", "sofa"]
     for words, folder in (((), scene), (("--names", scene), other)):
@@ -74,13 +74,13 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
     [
         (["query", "--like", "small.png"], "small.png: 8x90 px"),
         (["query", "--like", "text.png"], "text.png: not a readable image"),
-        (["query", "my mug", "--names", "text.png"], "text.png: is no file of names"),
         (["query", "--like", "text.png", "--names", "old.json"], "--names: goes with words"),
         (["query", "My  mug", "--names", "old.json", "--frame", "1"], "--at: go with words alone"),
         (["query", "my mug", "--names", "old.json"], "'my mug': was named with another OpenCLIP"),
         (["name", "cup", " "], "name: is blank"),
         (["name", "9,9,9", "mug"], "9,9,9: no thing is there"),
-        (["query", "my mug", "--names", "lacking.json"], "lacking.json: is no file of names ('features')"),
+        (["query", "my mug", "--names", "text.png"], "text.png: is no file of names"),
+        (["query", "my mug", "--names", "names.json"], "is no file of names ('features'); remove it"),
         (["name", "spaceship", "mug"], '"spaceship".\nGive a place'),
         (["name", "1.2.3,0,0", "mug"], "asks for 2 things\nGive a place"),
     ],
@@ -88,7 +88,7 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
 def test_a_user_s_mistake_is_told(scene, run_command, folder, words, told):
     Image.new("RGB", (8, 90)).save("small.png")
     Path("text.png").write_text("no picture")
-    Path("lacking.json").write_text('{"my mug": {"clip": "old"}}')
+    Path("names.json").write_text('{"my mug": {"clip": "old"}}')
     Path("old.json").write_text(json.dumps({"my mug": {"clip": "old", "features": []}}))
     status, _, err = run_command(words[0], scene, *words[1:])
     assert status == 2 and told in err and "Traceback" not in err
