@@ -62,7 +62,7 @@ def read_model(folder: Path) -> Contents:
     if missing := [name for name in MODEL_FILES if folder / f"{name}{suffix}" not in files]:
         raise UserError(
             f"{folder}: has no {', '.join(f'{name}{suffix}' for name in missing)}. A COLMAP model has cameras, images and "
-            "points3D, all .bin or all .txt."
+            "points3D, all .bin or all .txt. Export it again, or set frames.known_poses=none."
         )
     for file in files:
         if suffix == ".bin":
