@@ -74,9 +74,9 @@ def split_page(page: FigureBase, rows: int, columns: int, **ratios: Any) -> list
     return [*page.subfigures(rows, columns, squeeze=False, **ratios).flat]
 
 
-def empty_grid(page: FigureBase, rows: int, columns: int) -> NDArray[Any]:
-    """(rows, columns) places for images, without axes."""
-    grid = page.subplots(rows, columns, squeeze=False)
+def empty_grid(page: FigureBase, rows: int, columns: int, **ratios: Any) -> NDArray[Any]:
+    """(rows, columns) places for images, without axes; ``ratios`` as for ``FigureBase.subplots``."""
+    grid = page.subplots(rows, columns, squeeze=False, **ratios)
     for axes in grid.flat:
         hide_axes(axes)
     return grid

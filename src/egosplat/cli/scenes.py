@@ -59,9 +59,7 @@ def _check_paths(
 
 @on_folder(AskingOptions, "query", "Find things in a finished scene by words, or by a picture.")
 @click.argument("phrases", nargs=-1)
-@click.option(
-    "--like", multiple=True, type=FILE, help="Picture of a thing to find. PHRASES are further scenes."
-)
+@click.option("--like", multiple=True, type=FILE, help="Picture of a thing to find. PHRASES are then scenes.")
 @click.option("--names", type=ARTIFACT, help="Scene whose names, given by egosplat name, are known as well.")
 @click.option("--at", callback=parse_time, metavar="MIN:S", help="Where carried things were then, as 1:05.")
 @click.option("--frame", type=click.IntRange(0), help="Search only this frame. [default: the whole scene]")
@@ -96,16 +94,13 @@ def query(
         from egosplat.query import like as pictures
         from egosplat.query.command import describe, list_answers, run
         from egosplat.query.finished_scene import open_scene
-        from egosplat.query.text import clean_phrase
 
         scene = open_scene(folder, options)
         known = pictures.read_names(folder) | (pictures.read_names(names) if names else {})
-        keys = {} if like else {one: clean_phrase(one).lower() for one in phrases}
-        named = {one: known[key] for one, key in keys.items() if key in known}
+        asked = () if like else phrases
+        named = {one: known[name] for one in asked if (name := pictures.find_name(one, known))}
         if (like or named) and (frame, pose, at) != (None, None, None):
-            raise click.UsageError(
-                "--frame, --pose and --at: go with words alone, not with a picture or a name"
-            )
+            raise click.UsageError("--frame, --pose and --at: go with words alone, no picture or name")
         rest = [one for one in phrases if one not in named and not like]
         scenes = [scene, *(open_scene(Path(one), options) for one in phrases if like)]
         if as_json:
@@ -198,9 +193,7 @@ def view(folder: Path, host: str, port: int, options: PageOptions) -> None:
     help="Gaussians (ply, spz), a point cloud in the colors of instances, images with cameras (nerfstudio, colmap), the scene "
     "page (html), or all of these over time for Rerun (rrd). [default: by the suffix of --output; without one, ply]",
 )
-@click.option(
-    "--query", metavar="WORDS", help="The best answer's Gaussians (ply, spz), or boxes of answers (rrd)."
-)
+@click.option("--query", metavar="WORDS", help="Gaussians of the best answer (ply, spz), or boxes (rrd).")
 @writes("Output file or folder. [default: a name in FOLDER]")
 @click.option("--codes/--no-codes", default=True, show_default=True, help="Include the language codes; ply.")
 def export(folder: Path, output: Path | None, options: AskingOptions, **asked: Any) -> None:

@@ -212,7 +212,7 @@ def _render_thing(scene: Scene, answer: Answer) -> DrawnAnswer:
 def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> None:
     """Draw a page as PNG, atomically: for each of some answers the location, the relevancy and the mask in the rendered view."""
     # Here, because matplotlib takes as long to import as a query to answer.
-    from egosplat.drawing import HEADING_WIDTH, draw_heat, draw_mask, hide_axes, plt, save_figure, wrap_text
+    from egosplat.drawing import HEADING_WIDTH, draw_heat, draw_mask, empty_grid, plt, save_figure, wrap_text
 
     shapes = [picture.shape for _, _, picture in answers if picture is not None]
     height, width = shapes[0][:2] if shapes else (1, 1)
@@ -220,11 +220,9 @@ def draw_answers(answers: Sequence[DrawnAnswer], title: str, output: Path) -> No
     # A refused query takes one line.
     heights = [0.6 if picture is None else CELL + 0.35 for _, _, picture in answers]
     figure = plt.figure(figsize=(3 * cell, sum(heights) + 0.8), layout="constrained")
-    grid = figure.subplots(len(answers), 3, squeeze=False, height_ratios=heights)
+    grid = empty_grid(figure, len(answers), 3, height_ratios=heights)
     figure.suptitle(title, fontsize=12)
     for (answer, where, picture), cells in zip(answers, grid, strict=True):
-        for axes in cells:
-            hide_axes(axes)
         (place, heat, mask), view = cells, answer.view
         if picture is None or view is None:
             caption = f'"{answer.asked}": {_refusal(answer)}'

@@ -2,7 +2,7 @@
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from egosplat.query.command import align_rows, show_point, show_size
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import Grading, judge
 from egosplat.query.options import MOST
+from egosplat.query.reading import strip_asking
 from egosplat.query.text import clean_phrase
 from egosplat.query.things import EXTENT, SAME
 
@@ -197,6 +198,13 @@ def read_names(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         advice = "remove it" if path.name == NAMES else "give the folder of a scene"
         raise UserError(f"{path}: is no file of names ({error}); {advice}") from None
+
+
+def find_name(text: str, known: Collection[str]) -> str | None:
+    """The known name that a text is, or asks for, as "where is my mug?" does."""
+    asked = clean_phrase(text).lower()
+    alike = (name for name in known if name in asked and strip_asking(name) == strip_asking(asked))
+    return asked if asked in known else next(alike, None)
 
 
 def run(

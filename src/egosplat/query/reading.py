@@ -58,7 +58,7 @@ def read_questions(clip: OpenClip, text: str, names: Collection[str] = ()) -> li
     if typed.lower() in names or re.fullmatch(_QUOTED, typed):
         return [replace(_read(clip, typed, names), typed=typed)]
     plain = unicodedata.normalize("NFKC", typed)
-    parts = list(_split(_strip(plain)))
+    parts = list(_split(strip_asking(plain)))
     questions = [_read(clip, part, names) for part in parts] or [blank]
     if parts == [plain] and questions[0].phrase in (plain, "") and not questions[0].relation:
         questions = [Question(typed, refusal=refuse_phrase(clip, typed))]
@@ -88,7 +88,7 @@ def _read(clip: OpenClip, text: str, names: Collection[str]) -> Question:
     """Read one question, with what it stands to."""
     if quoted := re.fullmatch(_QUOTED, text):
         return Question(quoted[1], refusal=refuse_phrase(clip, quoted[1]))
-    thing = text if text.lower() in names else _strip(text)
+    thing = text if text.lower() in names else strip_asking(text)
     known = isinstance(clip.words, frozenset) and not untaught_words(clip, thing)
     if known or thing.lower() in names or (said := _search("relation", thing)) is None:
         return _asked(clip, thing)
@@ -100,12 +100,12 @@ def _read(clip: OpenClip, text: str, names: Collection[str]) -> Question:
     refusal = next((anchor.refusal for anchor in anchors if anchor.refusal), None)
     if all(_search("look", anchor.phrase) for anchor in anchors):
         return _asked(clip, thing)
-    phrase = _strip(thing[: said.start()])
+    phrase = strip_asking(thing[: said.start()])
     asked = _asked(clip, phrase) if phrase else Question("")
     return replace(asked, relation=relation, anchors=anchors, refusal=asked.refusal or refusal)
 
 
-def _strip(text: str) -> str:
+def strip_asking(text: str) -> str:
     """A phrase without what asks for it; as it is if nothing else is left."""
     before, rest = "", text.strip()
     while rest != before:

@@ -11,11 +11,11 @@ from egosplat.query.answers import Answer, as_json
 from egosplat.query.catalog import catalog
 from egosplat.query.finished_scene import Scene
 from egosplat.query.grades import NOT_ASKED, judge
-from egosplat.query.like import SIMILARITY, Looks, give_name, read_names
+from egosplat.query.like import SIMILARITY, Looks, find_name, give_name, read_names
 from egosplat.query.options import MOST
 from egosplat.query.reading import PATTERNS
 from egosplat.query.sizes import Sizes, read_sizes
-from egosplat.query.text import CARRIED, WORDS, clean_phrase, encode_phrases, words_to_try
+from egosplat.query.text import CARRIED, WORDS, encode_phrases, words_to_try
 from egosplat.viewing.html import Arrays, Facts
 
 with without_compiler():
@@ -67,10 +67,10 @@ def ask_for_page(scene: Scene, phrase: str = "", like: str = "", name: str = "")
     instance = int(like[:9]) if like.isdecimal() else -1
     if name:
         give_name(scene, instance, phrase := name)
-    known, key = read_names(scene.folder), clean_phrase(phrase).lower()
-    if like or key in known:
+    known = read_names(scene.folder)
+    if (key := find_name(phrase, known)) or like:
         looks = Looks(scene)
-        own, features = (None, looks.called(key, known)) if key in known else looks.thing(instance)
+        own, features = (None, looks.called(key, known)) if key else looks.thing(instance)
         things = looks.find(features, MOST, but=own)
         answer = judge(key or "more like this", things, ((), None), SIMILARITY, MOST)
         return {"answers": [page_answer(answer) | {"measure": "similarity"}]}

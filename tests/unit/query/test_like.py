@@ -63,9 +63,9 @@ def test_a_name_is_kept_and_asked_like_a_word_in_other_scenes_too(scene, run_com
     assert run_command("name", scene, "-1.0,0,2", "sofa")[0] == 0
     assert list(json.loads((scene / "names.json").read_text())) == ["my mug", "sofa"]
     for words, folder in (((), scene), (("--names", scene), other)):
-        out = run_command("query", folder, "my mug", "couch", *words, "--overwrite")[1]
+        out = run_command("query", folder, "Where is my mug?", "couch", *words, "--overwrite")[1]
         assert run_command("query", folder, "my mug", "couch", *words, "--json")[1].count(': "found"') == 2
-        assert "my mug  found   1.00" in out and "\ncouch" in out and (folder / "query_like.png").exists()
+        assert "my mug?  found   1.00" in out and "\ncouch" in out and (folder / "query_like.png").exists()
     assert f"alike in {other}" in run_command("query", other, scene, "--like", tmp_path / "wall.png")[1]
 
 
