@@ -182,7 +182,7 @@ def test_the_bytes_of_a_recording_rerun_frames_and_no_time_does(one_scene, tmp_p
     camera = dict.fromkeys(("fx", "fy"), 60.0) | {"width": 64, "height": 48, "cx": 32.0, "cy": 24.0}
     (pictures / "camera.json").write_text(json.dumps(camera))
     workdir, frames = one_scene("plain", pictures), "results/mine/scene/frames.zarr"
-    assert workdir.run(frames).count("egosplat: mine/scene: models.set photos knows") == 1
+    assert workdir.run(frames).count("egosplat: mine/scene: the set photos knows") == 1
     (pictures / "notes.txt").touch()
     (pictures / "2.png").touch()
     assert workdir.stale(frames) == set()

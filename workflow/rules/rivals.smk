@@ -135,7 +135,8 @@ rule methods_sheet:
     log:
         "logs/{dataset}/{scene}/methods_sheet.log",
     resources:
-        **request("queries_sheet"),
+        mem_mb=6500,
+        runtime=30,
     params:
         title=asked(jobs.scene_value, "title"),
         code=code_hash(

@@ -137,7 +137,7 @@ def artifact(origin: str, models: dict[str, str], **facts):
         ("real", BOTH, ["apartments only", "sam2_checkpoint", "clip_checkpoint", "to light"]),
         ("real", HALF, ["models.sam2_checkpoint", "egosplat models download --config models.set=light"]),
         # Words for photographs know the classes of ImageNet; few suit the dark pictures of Aria glasses.
-        ("real", WORDS, ["models.set photos", "ImageNet", "dark", "to light"]),
+        ("real", WORDS, ["the set photos", "ImageNet", "dark", "to light"]),
         ("real", {"sam2_checkpoint": "sam2.pt", "clip_checkpoint": "clip.bin"}, []),
         ("real", {}, []),
         ("synthetic", BOTH, []),

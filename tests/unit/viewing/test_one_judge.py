@@ -40,7 +40,7 @@ def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
     assert {answer.grade for answer in judged} >= {FOUND, NOT_FOUND} and len(words) > 40
     terminal = told_in_the_terminal(scene, words, tmp_path / "query.png")
     _, served = open_page(page_scene, PageOptions(device="cpu"))
-    shown, picture = [], [(Image.new("RGB", (8, 8)), 1)]
+    rerun, shown, picture = SimpleNamespace(Boxes3D=dict), [], [(Image.new("RGB", (8, 8)), 1)]
     monkeypatch.setattr(movie, "_pictures", lambda _, some, side: shown.extend(some) or picture)
     movie.run(scene, words, tmp_path / "x.webp", 64)
     assert {one.phrase for one in shown} == {answer.phrase for answer in judged if answer.things}
@@ -56,9 +56,10 @@ def test_every_word_has_one_answer(page_scene, tmp_path, monkeypatch):
         assert [one["frame"] for one in reply["things"]] == frames
         # Words that are asked together round differently.
         assert reply["probability"] == pytest.approx(page["probability"], abs=1e-4)
-        boxes = rerun_recording._boxes(SimpleNamespace(Boxes3D=dict), answer)
+        boxes = rerun_recording._boxes(rerun, answer, scene.grading())
         np.testing.assert_array_equal(boxes["centers"], [thing.center for thing in answer.things])
-        assert boxes["labels"] == [f"{word} {thing.probability:.2f}" for thing in answer.things]
+        asked = f"{word}, {answer.grade}, probability"
+        assert boxes["labels"] == [f"{asked} {one.probability:.2f}" for one in answer.things]
         if answer.refusal:
             with pytest.raises(UserError, match=word):
                 answer_members(scene, word)
