@@ -13,8 +13,8 @@ PATTERNS = {name: WORDS[name] for name in ("list", "look", "anything", "anyone",
     "lead": rf"^(?:{'|'.join(WORDS['lead'])})[\s,:]+",
     "trail": rf"(?:[\s,]*[?!.…。？！]+|[\s,]+(?:{'|'.join(WORDS['trail'])}))$",
     "relation": rf"(?:^|\s+)(?:(?:{WORDS['verbs']})\s+)*(?:{'|'.join(f'({said})' for said in WORDS['relations'].values())})\s+(?=\S)",
+    "quoted": '^["“]([^"“”]+)["”]$',
 }
-_QUOTED = '["“]([^"“”]+)["”]'
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Question:
 def read_questions(clip: OpenClip, text: str, names: Collection[str] = ()) -> list[Question]:
     """Read a text as the questions that it asks, one or more; fixed ``names``, and what is in quotation marks, are asked as typed."""
     typed, blank = clean_phrase(text), Question("", refusal=refuse_phrase(clip, ""))
-    if typed.lower() in names or re.fullmatch(_QUOTED, typed):
+    if typed.lower() in names or _search("quoted", typed):
         return [replace(_read(clip, typed, names), typed=typed)]
     plain = unicodedata.normalize("NFKC", typed)
     parts = list(_split(strip_asking(plain)))
@@ -86,7 +86,7 @@ def _split(text: str) -> Iterator[str]:
 
 def _read(clip: OpenClip, text: str, names: Collection[str]) -> Question:
     """Read one question, with what it stands to."""
-    if quoted := re.fullmatch(_QUOTED, text):
+    if quoted := _search("quoted", text):
         return Question(quoted[1], refusal=refuse_phrase(clip, quoted[1]))
     thing = text if text.lower() in names else strip_asking(text)
     known = isinstance(clip.words, frozenset) and not untaught_words(clip, thing)

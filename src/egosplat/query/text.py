@@ -53,14 +53,14 @@ class Texts:
 
     def of(self, phrases: Sequence[str]) -> "Texts":
         """Select queries, in the order of the given phrases."""
-        rows = [self.phrases.index(phrase) for phrase in phrases]
-        return Texts(tuple(phrases), self.queries[rows], self.canonical)
+        return Texts(tuple(phrases), self.queries[[*map(self.phrases.index, phrases)]], self.canonical)
 
     def in_batches(self, numbers: int) -> Iterator["Texts"]:
         """Split the queries, in order, into batches of at most ``AT_ONCE`` relevancies; a query has this number of them."""
         size = max(1, AT_ONCE // max(1, numbers))
         for begin in range(0, len(self.phrases), size):
-            yield self.of(self.phrases[begin : begin + size])
+            end = begin + size
+            yield Texts(self.phrases[begin:end], self.queries[begin:end], self.canonical)
 
 
 def encode_texts(clip: OpenClip, phrases: Sequence[str], options: QueryOptions) -> Texts:

@@ -241,15 +241,12 @@ function ofInstances(scene, things) {
 // Words of a phrase that the model was not trained on; none for a model that knows every word.
 const untaughtWords = ({ taught }, phrase) => (taught ? (phrase.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? []).filter((word) => !taught.includes(word)) : []);
 
-// What is asked as it is typed.
-const QUOTED = /^["\u201c][^"\u201c\u201d]+["\u201d]$/u;
-
 // The questions that a clean text asks, each with the name that it is read as: egosplat/query/reading.py reads by the same patterns. One that
 // tells where a thing stands is told by its relation alone.
 function readQuestions(facts, typed) {
   const { reading, words } = facts, names = words.map((word) => word.toLowerCase());
   if (names.includes(typed.toLowerCase())) return [{ name: typed }];
-  if (QUOTED.test(typed)) return [{ name: typed.slice(1, -1) }];
+  if (matches(reading.quoted, typed)) return [{ name: typed.slice(1, -1) }];
   const plain = typed.normalize("NFKC"), parts = splitList(reading, withoutAsking(reading, plain));
   const questions = parts.map((part) => readQuestion(facts, names, part));
   if (!parts.length || (parts.length === 1 && parts[0] === plain && !questions[0].relation && (questions[0].name === plain || !questions[0].name))) return [{ name: typed }];
@@ -283,8 +280,9 @@ function withoutAsking(reading, text) {
 }
 
 function readQuestion(facts, names, text) {
-  if (QUOTED.test(text)) return { name: text.slice(1, -1) };
-  const { reading, taught } = facts, thing = names.includes(text.toLowerCase()) ? text : withoutAsking(reading, text);
+  const { reading, taught } = facts;
+  if (matches(reading.quoted, text)) return { name: text.slice(1, -1) };
+  const thing = names.includes(text.toLowerCase()) ? text : withoutAsking(reading, text);
   const isKnown = names.includes(thing.toLowerCase()) || (taught && !untaughtWords(facts, thing).length);
   const said = isKnown ? null : new RegExp(reading.relation, "iu").exec(thing);
   const rest = said ? thing.slice(said.index + said[0].length).split("\0") : [];
